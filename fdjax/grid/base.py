@@ -1,0 +1,67 @@
+"""What every grid is: a differentiable map of the unit square into the plane, and its metrics."""
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from fdjax.domain.curve import Curve
+from fdjax.domain.patch import Patch
+
+jax.tree_util.register_dataclass(Curve, ["breaks", "coefficients"], ["corners"])
+
+
+class AbstractGridMap(eqx.Module):
+    """A map (xi, eta) -> (x, y) in mm, defined everywhere on the unit square.
+
+    Called on arrays that broadcast it gives xy of shape (..., 2); on a lattice, xi of shape (n, 1)
+    and eta of shape (1, m), it does far less work than point by point. Every field is a pytree, so
+    a map is a valid argument and result of `jax.jit`, `jax.grad` and `jax.vmap`.
+    """
+
+    @abstractmethod
+    def __call__(
+        self, xi: Float[Array, "..."], eta: Float[Array, "..."]
+    ) -> Float[Array, "... 2"]: ...
+
+
+class Sides(NamedTuple):
+    """The four sides of a `Patch` as JAX sees them."""
+
+    bottom: Curve
+    right: Curve
+    top: Curve
+    left: Curve
+
+    @classmethod
+    def of(cls, patch: Patch) -> "Sides":
+        return cls(patch.bottom, patch.right, patch.top, patch.left)
+
+
+class Tangents(NamedTuple):
+    """Derivatives of a map, shape (..., 2), mm per unit of xi and eta."""
+
+    xi: Float[Array, "... 2"]
+    eta: Float[Array, "... 2"]
+
+    @property
+    def jacobian(self) -> Float[Array, "..."]:
+        """`J = x_xi y_eta - x_eta y_xi`, mm^2; zero or less where the map folds."""
+        return self.xi[..., 0] * self.eta[..., 1] - self.eta[..., 0] * self.xi[..., 1]
+
+
+def tangents(
+    grid: AbstractGridMap, xi: Float[Array, "..."], eta: Float[Array, "..."]
+) -> tuple[Float[Array, "... 2"], Tangents]:
+    """Points xy and the map's derivatives there, in one pass."""
+    xy, along_xi = jax.jvp(lambda t: grid(t, eta), (xi,), (jnp.ones_like(xi),))
+    _, along_eta = jax.jvp(lambda t: grid(xi, t), (eta,), (jnp.ones_like(eta),))
+    return xy, Tangents(along_xi, along_eta)
+
+
+def norm(vector: Float[Array, "... 2"]) -> Float[Array, "..."]:
+    """Euclidean length over the last axis."""
+    return jnp.sqrt((vector**2).sum(-1))

@@ -1,0 +1,70 @@
+"""Uniform cubic B-splines over [0, 1] and over the unit square, as curves and as fields.
+
+`K` coefficients span `K - 3` equal intervals. Everything is linear in the coefficients and twice
+continuously differentiable in the place.
+"""
+
+from functools import cache
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+
+def _weights(t: Float[Array, "..."], count: int) -> tuple[Array, Float[Array, "... 4"]]:
+    """First coefficient that acts at `t` in [0, 1], and the four weights from there on."""
+    scaled = t * (count - 3)
+    first = jnp.clip(jnp.floor(scaled).astype(int), 0, count - 4)
+    f = scaled - first
+    g = 1 - f
+    weights = [g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]
+    return first, jnp.stack(weights, -1) / 6
+
+
+def field(
+    coefficients: Float[Array, "K L ..."], xi: Float[Array, "..."], eta: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """The tensor-product spline at (xi, eta) in the unit square, K, L >= 4.
+
+    xi and eta broadcast; a lattice, xi (n, 1) and eta (1, m), takes two matrix products. Axes of
+    the coefficients beyond the second are components, and come last in the result.
+    """
+    if xi.ndim == eta.ndim == 2 and xi.shape[1] == eta.shape[0] == 1:
+        along_xi = _dense(xi[:, 0], coefficients.shape[0])
+        along_eta = _dense(eta[0], coefficients.shape[1])
+        return jnp.einsum("ik,kl...,jl->ij...", along_xi, coefficients, along_eta)
+    xi, eta = jnp.broadcast_arrays(xi, eta)
+    i, wi = _weights(xi, coefficients.shape[0])
+    j, wj = _weights(eta, coefficients.shape[1])
+    rows, columns = i[..., None, None] + np.arange(4)[:, None], j[..., None, None] + np.arange(4)
+    weights = wi[..., :, None] * wj[..., None, :]
+    weights = weights.reshape(weights.shape + (1,) * (coefficients.ndim - 2))
+    return (coefficients[rows, columns] * weights).sum((xi.ndim, xi.ndim + 1))
+
+
+def _dense(t: Float[Array, " n"], count: int) -> Float[Array, "n K"]:
+    first, weights = _weights(t, count)
+    rows = np.arange(t.size)[:, None]
+    return jnp.zeros((t.size, count)).at[rows, first[:, None] + np.arange(4)].set(weights)
+
+
+def basis(t: np.ndarray, count: int) -> np.ndarray:
+    """Values (len(t), count) of the `count` basis splines at the places `t`, as NumPy."""
+    distance = np.abs(t[:, None] * (count - 3) + 1 - np.arange(count))
+    near, far = 4 - 6 * distance**2 + 3 * distance**3, np.maximum(2 - distance, 0) ** 3
+    return np.where(distance < 1, near, far) / 6
+
+
+@cache
+def interpolation(nodes: int) -> np.ndarray:
+    """Matrix (nodes + 2, nodes) from values at equally spaced nodes to spline coefficients.
+
+    End conditions are "not a knot", so cubics are reproduced. Needs at least 4 nodes.
+    """
+    count = nodes + 2
+    system = np.zeros((count, count))
+    for k in range(nodes):
+        system[k, k : k + 3] = 1 / 6, 4 / 6, 1 / 6
+    # The third derivative does not jump at the second and the last but one node.
+    system[nodes, :5] = system[nodes + 1, -5:] = -1, 4, -6, 4, -1
+    return np.linalg.inv(system)[:, :nodes]

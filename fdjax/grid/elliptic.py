@@ -1,0 +1,149 @@
+"""Elliptic grids: solved once at nodes, differentiated implicitly, defined everywhere."""
+
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from fdjax.grid import block_tridiagonal, bspline, winslow
+from fdjax.grid.algebraic import Spacings, Transfinite
+from fdjax.grid.base import AbstractGridMap, Sides
+from fdjax.grid.solvers import AbstractSolver, Newton, Report
+from fdjax.grid.winslow import ControlFunctions
+from fdjax.precision import require_float64
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def solve(
+    solver: AbstractSolver, start: Float[Array, "ni nj 2"], controls: ControlFunctions
+) -> tuple[Float[Array, "ni nj 2"], Report]:
+    """The lattice that satisfies the elliptic equations, and how the solve went.
+
+    - `start`: the boundary nodes, which stay, and a first guess inside.
+    - `controls`: control functions per index step.
+
+    Differentiable, forward and reverse and with many tangents at once, with respect to the
+    boundary nodes and the controls, by the implicit function theorem at the lattice returned; the
+    linearised system is eliminated once whatever the number of tangents. The derivative is that
+    of the exact solution, so it is as accurate as the solve is converged.
+    """
+    return solver.solve(start, controls)
+
+
+@solve.defjvp
+def _solve_jvp(solver: AbstractSolver, primals: tuple, tangents: tuple) -> tuple:
+    start, controls = primals
+    start_dot, controls_dot = tangents
+    r, report = solve(solver, start, controls)
+    boundary_dot = start_dot.at[1:-1, 1:-1].set(0.0)
+    _, residual_dot = jax.jvp(winslow.residual, (r, controls), (boundary_dot, controls_dot))
+    factors = block_tridiagonal.factor(winslow.linearise(r, controls))
+
+    def apply(change: Array) -> Array:
+        inside = jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
+        return jax.jvp(lambda nodes: winslow.residual(nodes, controls), (r,), (inside,))[1]
+
+    inside_dot = jax.lax.custom_linear_solve(
+        apply,
+        -residual_dot,
+        solve=lambda _, b: block_tridiagonal.solve(factors, b),
+        transpose_solve=lambda _, b: block_tridiagonal.solve_transposed(factors, b),
+    )
+    r_dot = boundary_dot.at[1:-1, 1:-1].set(inside_dot)
+    return (r, report), (r_dot, jax.tree.map(_no_tangent, report))
+
+
+def _no_tangent(value: Array) -> Array:
+    if jnp.issubdtype(value.dtype, jnp.floating):
+        return jnp.zeros_like(value)
+    return jnp.zeros(value.shape, jax.dtypes.float0)  # pyright: ignore[reportReturnType]
+
+
+class NodeMap(AbstractGridMap):
+    """A lattice of nodes made into a map by cubic splines, which keep to the four sides.
+
+    Between the nodes of a side a spline leaves a polyline with corners; that defect, zero at the
+    nodes, is added back where it arises and fades out within two nodes. Polylines are so kept
+    exactly, with their kinks; smooth curves to fourth order in the node spacing.
+    """
+
+    coefficients: Float[Array, "K L 2"]
+    sides: Sides
+    spacings: Spacings
+
+    @classmethod
+    def through(cls, nodes: Float[Array, "ni nj 2"], sides: Sides, spacings: Spacings) -> "NodeMap":
+        """The map through `nodes` (at least 4 each way) at equally spaced (xi, eta)."""
+        ni, nj = nodes.shape[:2]
+        coefficients = jnp.einsum(
+            "ki,lj,ijc->klc", bspline.interpolation(ni), bspline.interpolation(nj), nodes
+        )
+        return cls(coefficients, sides, spacings)
+
+    def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
+        r = bspline.field(self.coefficients, xi, eta)
+        ni, nj = (count - 2 for count in self.coefficients.shape[:2])
+        sides, spacings = self.sides, self.spacings
+        # One value, not one a point: on a lattice a side is then one row.
+        zero, one = jnp.zeros((1,) * eta.ndim), jnp.ones((1,) * eta.ndim)
+        for curve, spacing, t, place, steps in (
+            (sides.bottom, spacings.bottom, xi, (xi, zero), eta * (nj - 1)),
+            (sides.top, spacings.top, xi, (xi, one), (1 - eta) * (nj - 1)),
+            (sides.left, spacings.left, eta, (zero, eta), xi * (ni - 1)),
+            (sides.right, spacings.right, eta, (one, eta), (1 - xi) * (ni - 1)),
+        ):
+            if curve.corners and len(curve.breaks) > 2:
+                defect = curve(spacing(t)) - bspline.field(self.coefficients, *place)
+                fade = jnp.maximum(1 - steps / 2, 0.0) ** 3
+                r = r + fade[..., None] * defect
+        return r
+
+
+class Elliptic(eqx.Module):
+    """An elliptic grid to be solved: sides, their spacings, controls and the solver's nodes.
+
+    - `phi`, `psi`: control functions on the unit square, constants or values at the interior
+      nodes, shape (ni - 2, nj - 2). Positive phi draws lines of constant xi towards xi = 1.
+    - `p`, `q`: those of physical space, lap(xi) = p and lap(eta) = q, 1/mm^2; P = phi A / J^2.
+    - `nodes`: (ni, nj), at least 5 each, else `ValueError`; accuracy, not roads: the map is
+      defined everywhere.
+    - `follow_sides`: whether the sides' spacing is carried into the interior by
+      `winslow.boundary_controls`, to which phi and psi then add.
+    """
+
+    sides: Sides
+    spacings: Spacings = Spacings()
+    phi: Float[Array, "..."] | float = 0.0
+    psi: Float[Array, "..."] | float = 0.0
+    p: Float[Array, "..."] | float = 0.0
+    q: Float[Array, "..."] | float = 0.0
+    nodes: tuple[int, int] = eqx.field(static=True, default=(41, 41))
+    follow_sides: bool = eqx.field(static=True, default=False)
+    solver: AbstractSolver = eqx.field(static=True, default=Newton())
+
+    def __check_init__(self) -> None:
+        if min(self.nodes) < 5:
+            raise ValueError(f"Elliptic: nodes are {self.nodes}; at least 5 each way are needed")
+
+    def solve(self) -> tuple[Float[Array, "ni nj 2"], Report]:
+        """Nodes of the solved grid, shape (ni, nj, 2), mm, and the solver's report."""
+        require_float64()
+        ni, nj = self.nodes
+        xi, eta = jnp.linspace(0, 1, ni)[:, None], jnp.linspace(0, 1, nj)[None]
+        start = Transfinite(self.sides, self.spacings)(xi, eta)
+        shape = (ni - 2, nj - 2)
+        phi, psi, p, q = (
+            jnp.broadcast_to(value, shape) for value in (self.phi, self.psi, self.p, self.q)
+        )
+        controls = ControlFunctions(phi / (ni - 1), psi / (nj - 1), p * (ni - 1), q * (nj - 1))
+        if self.follow_sides:
+            side_phi, side_psi = winslow.boundary_controls(start)
+            controls = controls._replace(phi=controls.phi + side_phi, psi=controls.psi + side_psi)
+        return solve(self.solver, start, controls)
+
+    def map(self) -> tuple[NodeMap, Report]:
+        """The solved grid as a map of the unit square, and the solver's report."""
+        nodes, report = self.solve()
+        return NodeMap.through(nodes, self.sides, self.spacings), report

@@ -1,0 +1,96 @@
+"""Monotone maps of [0, 1] onto itself: how nodes and roads are spaced along a side."""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from fdjax.grid import bspline
+
+_PIECES = 64
+
+
+class AbstractSpacing(eqx.Module):
+    """A rising map of [0, 1] onto itself, called on any array."""
+
+    @abstractmethod
+    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]: ...
+
+
+class UniformSpacing(AbstractSpacing):
+    """The identity."""
+
+    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        return t
+
+
+class DensitySpacing(AbstractSpacing):
+    """Spacing by a density of lines rho along the side: `t = int_0^s rho / int_0^1 rho`.
+
+    Kept as the places s with their t and ds/dt; between them, cubics in t.
+    """
+
+    t: Float[Array, " n"]
+    slopes: Float[Array, " n"]
+
+    @classmethod
+    def of(cls, log_density: Float[Array, " K"]) -> "DensitySpacing":
+        """From the coefficients of log rho, a cubic B-spline over s, shape (K,), K >= 4.
+
+        All equal means uniform; any real values are allowed, so an optimiser needs no bounds.
+        Differentiable. Raises `ValueError` for fewer than 4 coefficients.
+        """
+        if len(log_density) < 4:
+            raise ValueError(f"DensitySpacing: {len(log_density)} coefficients; at least 4")
+        # A common level changes nothing; without it the exponential is of order one.
+        level = log_density - log_density.mean()
+        basis = bspline.basis(np.linspace(0, 1, 2 * _PIECES + 1), len(log_density))
+        density = jnp.exp(basis @ level)
+        # Simpson's rule on each piece.
+        pieces = (density[:-2:2] + 4 * density[1::2] + density[2::2]) / 6
+        total = pieces.sum()
+        t = jnp.concatenate([jnp.zeros(1), jnp.cumsum(pieces)]) / total
+        return cls(t, total / _PIECES / density[::2])
+
+    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        count = len(self.t) - 1
+        k = jnp.searchsorted(self.t[1:-1], t, side="right", method="compare_all")
+        table = jnp.stack([self.t[:-1], self.t[1:], self.slopes[:-1], self.slopes[1:]], 1)
+        low, high, slope_low, slope_high = jnp.moveaxis(table[k], -1, 0)
+        step, rise = high - low, 1 / count
+        f = (t - low) / step
+        bend = (slope_low * step - rise) * (1 - f) + (rise - slope_high * step) * f
+        return k / count + f * rise + f * (1 - f) * bend
+
+
+class RobertsSpacing(AbstractSpacing):
+    """The paper's eq. (1): `s(t) = ((2a+b) R^q + 2a - b) / ((2a+1)(1 + R^q))`.
+
+    With `R = (b+1)/(b-1)`, `q = (t-a)/(1-a)`; computed as the same
+    `(2a + b tanh(q atanh(1/b))) / (2a+1)`, which is accurate for large b too. `alpha` a is 0
+    (clusters at t = 1) or 1/2 (at both ends): only for these does s(0) = 0 hold. `beta` b > 1: the
+    nearer to 1, the stronger. Differentiable in beta. Raises `ValueError` for another alpha.
+    """
+
+    beta: Float[Array, ""]
+    alpha: float = eqx.field(static=True, default=0.5)
+
+    def __check_init__(self) -> None:
+        if self.alpha not in (0.0, 0.5):
+            raise ValueError(f"RobertsSpacing: alpha is {self.alpha}; 0 or 0.5 map 0 to 0")
+
+    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        a, b = self.alpha, self.beta
+        return (2 * a + b * jnp.tanh((t - a) / (1 - a) * jnp.arctanh(1 / b))) / (2 * a + 1)
+
+
+def fit_log_density(density: np.ndarray, knots: int) -> np.ndarray:
+    """Coefficients (knots,) of the `DensitySpacing` nearest to a density of lines along a side.
+
+    `density` holds positive values at equally spaced places of the side, ends included; least
+    squares of the logarithm.
+    """
+    basis = bspline.basis(np.linspace(0, 1, len(density)), knots)
+    return np.linalg.lstsq(basis, np.log(density), rcond=None)[0]
