@@ -1,0 +1,68 @@
+"""What a pattern is: roads, and a porosity that can be differentiated, from a set of controls.
+
+Adding a pattern is one new file and one line in the table `PATTERNS` of `fdjax.pattern`.
+"""
+
+from abc import abstractmethod
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from numpy.typing import NDArray
+
+from fdjax.plan.limits import Limits
+from fdjax.road.porosity import Deposit
+
+
+class Penalties(NamedTuple):
+    """By how much a pattern leaves what is allowed, as shares; zero or less is within.
+
+    - `fold`: J below its floor; `spacing`: roads of one family too close;
+      `span`: unsupported spans too long; `length`: lines too short.
+    """
+
+    fold: Float[Array, " n"]
+    spacing: Float[Array, " n"]
+    span: Float[Array, " n"]
+    length: Float[Array, " n"]
+
+
+class Lines(NamedTuple):
+    """One family's lines on one layer, from wall to wall, as the plan takes them.
+
+    - `family`, `parity`: as in `road.stacking.Scan`.
+    - `xy`: shape (lines, points, 2), mm; `width`: shape (lines, points - 1), mm.
+    """
+
+    family: str
+    parity: int
+    xy: NDArray[np.float64]
+    width: NDArray[np.float64]
+
+
+class AbstractPattern(eqx.Module):
+    """A way to fill a layer domain. `controls` are the pattern's own pytree of real arrays."""
+
+    @abstractmethod
+    def controls(self) -> Any:
+        """The controls to start from."""
+
+    @abstractmethod
+    def deposit(self, controls: Any) -> tuple[Deposit, Bool[Array, ""]]:
+        """Where the material goes, a layer's mean, and whether the pattern could be made."""
+
+    @abstractmethod
+    def cells(self, controls: Any) -> tuple[Array, Array, Array]:
+        """Points xy (..., 2), local porosity (...) and area (...) of the pattern's own cells."""
+
+    @abstractmethod
+    def penalties(self, controls: Any, limits: Limits) -> Penalties: ...
+
+    @abstractmethod
+    def roughness(self, controls: Any) -> Float[Array, " n"]:
+        """Differences of neighbouring controls, to be kept small."""
+
+    @abstractmethod
+    def lines(self, controls: Any) -> list[list[Lines]]:
+        """The lines of each layer, from the bed upwards."""

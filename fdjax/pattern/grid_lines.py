@@ -1,0 +1,271 @@
+"""Grid lines as roads: two families of lines of a map of the unit square."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from fdjax.errors import InputError
+from fdjax.grid import bspline
+from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
+from fdjax.grid.base import AbstractGridMap, Sides, norm, tangents
+from fdjax.grid.elliptic import Elliptic
+from fdjax.grid.solvers import AbstractSolver, Newton
+from fdjax.grid.spacing import RobertsSpacing, DensitySpacing
+from fdjax.pattern.base import AbstractPattern, Lines, Penalties
+from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
+from fdjax.plan.limits import Limits
+from fdjax.road import porosity
+from fdjax.road.holes import Holes
+from fdjax.road.porosity import Deposit, FamilySamples
+from fdjax.road.stacking import FAMILIES, Scan, Stacking
+
+
+class Controls(eqx.Module):
+    """The real numbers that shape the lines; None where the pattern's own value stays.
+
+    - `spacing`: log density of lines along bottom, right, top and left, cubic B-splines, shape (4, K).
+    - `stretching`: log(beta - 1) of eq. (1) along x and y, shape (2,).
+    - `phi`, `psi`: control functions of the unit square, cubic B-splines, shape (K, L); they add
+      to the pattern's constants.
+    - `width`: road width as the free number of `width.within`, shape () or, as a spline, (K, L).
+    """
+
+    spacing: Float[Array, "4 K"] | None = None
+    stretching: Float[Array, " 2"] | None = None
+    phi: Float[Array, "K L"] | None = None
+    psi: Float[Array, "K L"] | None = None
+    width: Float[Array, "..."] | None = None
+
+
+class Realised(NamedTuple):
+    """What controls amount to: the map, the road width, and whether the map could be made."""
+
+    grid: AbstractGridMap
+    width: AbstractWidth
+    made: Bool[Array, ""]
+
+
+class GridLines(AbstractPattern):
+    """Both families of a grid map's lines, laid by `road.stacking`.
+
+    - `sides`: of the layer domain.
+    - `comb`: lines of each family in all phases together (xi, eta).
+    - `width`: road width, mm, where it is not a control; `width_range`: what the machine allows.
+    - `height`: layer height, mm.
+    - `phi`, `psi`, `p`, `q`: constants of the elliptic map, on the unit square.
+    - `beta`, `alpha`: of eq. (1) along x and y, for "stretched".
+    - `first`: the controls to start from.
+    - `samples`: where design sums the material of the xi and of the eta family.
+    - `holes`: in the domain, or None.
+    - `kind`: a key of `MAPS`; `nodes`, `solver`: of the elliptic map.
+    """
+
+    sides: Sides
+    comb: tuple[Float[Array, ""] | float, Float[Array, ""] | float]
+    width: float
+    width_range: tuple[float, float]
+    height: float
+    first: Controls
+    samples: tuple[FamilySamples, FamilySamples]
+    holes: Holes | None = None
+    phi: float = 0.0
+    psi: float = 0.0
+    p: float = 0.0
+    q: float = 0.0
+    beta: tuple[float, float] = (1.1, 1.1)
+    alpha: tuple[float, float] = eqx.field(static=True, default=(0.5, 0.5))
+    kind: str = eqx.field(static=True, default="transfinite")
+    stacking: Stacking = eqx.field(static=True, default=Stacking())
+    nodes: tuple[int, int] = eqx.field(static=True, default=(41, 41))
+    solver: AbstractSolver = eqx.field(static=True, default=Newton())
+
+    def __check_init__(self) -> None:
+        if self.kind not in MAPS:
+            raise InputError(f'map: "{self.kind}" is not one of {", ".join(MAPS)}')
+
+    def controls(self) -> Controls:
+        return self.first
+
+    @property
+    def lines_per_layer(self) -> tuple[Array, Array]:
+        """Lines of each family on a layer that has it, a mean over the phases."""
+        xi, eta = self.comb
+        return jnp.asarray(xi) / self.stacking.phases, jnp.asarray(eta) / self.stacking.phases
+
+    def realise(self, controls: Controls) -> Realised:
+        """The map and the road width that these controls give."""
+        grid, made = MAPS[self.kind](self, controls)
+        low, high = self.width_range
+        if controls.width is None:
+            width = UniformWidth(self.width)
+        elif controls.width.ndim == 0:
+            width = UniformWidth(within(controls.width, low, high))
+        else:
+            width = SplineWidth(controls.width, low, high)
+        return Realised(grid, width, made)
+
+    def deposit(self, controls: Controls) -> tuple[Deposit, Bool[Array, ""]]:
+        grid, width, made = self.realise(controls)
+        deposit = porosity.line_deposit(
+            grid, width, self.height, self.lines_per_layer, self.stacking, self.samples
+        )
+        if self.holes is not None:
+            shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
+            deposit = self.holes.cut(deposit, porosity.widest(width), self.height, shares)
+        return deposit, made
+
+    def cells(self, controls: Controls) -> tuple[Array, Array, Array]:
+        grid, width, _ = self.realise(controls)
+        v, u = (family.run for family in self.samples)
+        xi, eta = u.places[:, None], v.places[None]
+        xy, along = tangents(grid, xi, eta)
+        local = porosity.cell_porosity(
+            along, width(xi, eta), self.height, self.lines_per_layer, self.stacking
+        )
+        return xy, local, along.jacobian * u.weights[:, None] * v.weights
+
+    def penalties(self, controls: Controls, limits: Limits) -> Penalties:
+        grid, width, _ = self.realise(controls)
+        v, u = (family.run for family in self.samples)
+        xi, eta = u.places[::2, None], v.places[None, ::2]
+        _, along = tangents(grid, xi, eta)
+        jacobian, along_xi, along_eta = along.jacobian, norm(along.xi), norm(along.eta)
+        n_xi, n_eta = self.lines_per_layer
+        least = limits.least_spacing or width(xi, eta)
+        # Beyond a fold spacing means nothing, and a division by J would blow up.
+        positive = jnp.maximum(jacobian, 1e-3 * jnp.abs(jacobian).mean())
+        closeness = [least * n_xi * along_eta / positive, least * n_eta * along_xi / positive]
+        spans = [along_eta / n_eta, along_xi / n_xi]
+        lengths = [along_eta.mean(1), along_xi.mean(0)]
+        return Penalties(
+            fold=(FOLD_FLOOR - jacobian / jacobian.mean()).ravel() / FOLD_FLOOR,
+            spacing=jnp.stack(closeness).ravel() - 1,
+            span=jnp.stack(spans).ravel() / limits.longest_span - 1,
+            length=limits.least_road / jnp.concatenate(lengths) - 1,
+        )
+
+    def roughness(self, controls: Controls) -> Float[Array, " n"]:
+        pieces = [jnp.zeros(0)]
+        for values in jax.tree.leaves(controls):
+            axes = [values.ndim - 1] if values is controls.spacing else range(values.ndim)
+            for axis in axes:
+                if values.shape[axis] > 2:
+                    pieces.append(jnp.diff(values, 2, axis=axis).ravel() / np.sqrt(values.size))
+        return jnp.concatenate(pieces)
+
+    def lines(self, controls: Controls, points: int = 257) -> list[list[Lines]]:
+        realised = self.realise(controls)
+        widest = float(porosity.widest(realised.width))
+        made: dict[Scan, Lines] = {}
+        for number, family in enumerate(FAMILIES):
+            comb = int(self.comb[number])
+            places = Scan(family).places(comb)
+            xy, width = map(np.asarray, _trace(realised, places, points, number == 1, widest))
+            for scan in {scan for layer in self.stacking.scans for scan in layer}:
+                if scan.family == family:
+                    part = slice(scan.phase, None, scan.phases)
+                    made[scan] = Lines(family, scan.parity, xy[part], width[part])
+        return [[made[scan] for scan in layer] for layer in self.stacking.scans]
+
+
+FOLD_FLOOR = 0.02
+"""J over its mean below which design is pushed back from folding."""
+
+
+@partial(jax.jit, static_argnames=("points", "along_xi"))
+def _trace(
+    realised: Realised, places: Array, points: int, along_xi: bool, widest: float
+) -> tuple[Array, Array]:
+    """Points of the lines at these places, from wall to wall, and the width of each segment.
+
+    Off the two walls that the family runs along, lines keep half of the widest road.
+    """
+    run = jnp.linspace(0, 1, points)
+    ends = jnp.array([0.0, 1.0])
+    u, v = (run, ends) if along_xi else (ends, run)
+    _, walls = tangents(realised.grid, u[:, None], v[None])
+    edge = porosity.Margins.of(walls, widest / 2)
+    if along_xi:
+        eta = places[:, None] + (edge.bottom - places[:, None] * (edge.bottom + edge.top))
+        xi = jnp.broadcast_to(run, eta.shape)
+    else:
+        xi = places[:, None] + edge.shift_xi(places)
+        eta = jnp.broadcast_to(run, xi.shape)
+    middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
+    return realised.grid(xi, eta), realised.width(middle_xi, middle_eta)
+
+
+def _spacings(controls: Controls) -> Spacings:
+    if controls.spacing is None:
+        return Spacings()
+    return Spacings(*(DensitySpacing.of(side) for side in controls.spacing))
+
+
+def _box(sides: Sides) -> tuple[Array, Array]:
+    zero, one = jnp.zeros(()), jnp.ones(())
+    return sides.bottom(zero), sides.top(one)
+
+
+_MADE = jnp.asarray(True)
+_Map = tuple[AbstractGridMap, Bool[Array, ""]]
+
+
+def _uniform(pattern: GridLines, controls: Controls) -> _Map:
+    return Cartesian(*_box(pattern.sides)), _MADE
+
+
+def _stretched(pattern: GridLines, controls: Controls) -> _Map:
+    beta = jnp.asarray(pattern.beta)
+    if controls.stretching is not None:
+        beta = 1 + jnp.exp(controls.stretching)
+    along = [RobertsSpacing(b, a) for b, a in zip(beta, pattern.alpha, strict=True)]
+    return Cartesian(*_box(pattern.sides), *along), _MADE
+
+
+def _two_boundary(pattern: GridLines, controls: Controls) -> _Map:
+    spacings = _spacings(controls)
+    sides = pattern.sides
+    return TwoBoundary(
+        sides.bottom, sides.top, spacings.bottom, spacings.top, spacings.left
+    ), _MADE
+
+
+def _transfinite(pattern: GridLines, controls: Controls) -> _Map:
+    return Transfinite(pattern.sides, _spacings(controls)), _MADE
+
+
+def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
+    ni, nj = pattern.nodes
+    xi, eta = jnp.linspace(0, 1, ni)[1:-1, None], jnp.linspace(0, 1, nj)[None, 1:-1]
+
+    def control(constant: float, spline: Array | None) -> Array | float:
+        return constant if spline is None else constant + bspline.field(spline, xi, eta)
+
+    grid, report = Elliptic(
+        pattern.sides,
+        _spacings(controls),
+        control(pattern.phi, controls.phi),
+        control(pattern.psi, controls.psi),
+        pattern.p,
+        pattern.q,
+        pattern.nodes,
+        controls.spacing is not None,
+        pattern.solver,
+    ).map()
+    return grid, report.converged & ~report.folded
+
+
+MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
+    "uniform": _uniform,
+    "stretched": _stretched,
+    "two-boundary": _two_boundary,
+    "transfinite": _transfinite,
+    "elliptic": _elliptic,
+}
+"""The grid maps by name: a new one is one function here."""
