@@ -1,0 +1,260 @@
+"""Cutting lines that run from wall to wall to what a road's centre line may use."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import Point, Polygon, STRtree, contains_xy, linestrings, prepare
+
+from fdjax.plan.wall import Wall, free_region, rings
+
+Floats = NDArray[np.float64]
+
+PRESS = 0.25
+"""A line beyond the free region by less than this share of the road width is pressed back on it."""
+
+SHORTEST = 0.5
+"""Pieces shorter than this share of the road width are dropped."""
+
+_OUTSIDE, _BETWEEN, _FREE = 0, 1, 2
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """What one cut leaves of a line, from its low end (towards eta = 0) to its high end.
+
+    - `line`: index of the line in its family.
+    - `xy`: shape (points, 2), mm; `width`: shape (points - 1,), mm.
+    - `ends`: (wall, position) of the low and of the high end; None where a line ends in the open.
+    - `pressed`: (wall, from, to) of each stretch that runs along a wall.
+    """
+
+    line: int
+    xy: Floats
+    width: Floats
+    ends: tuple[tuple[int, float] | None, tuple[int, float] | None]
+    pressed: tuple[tuple[int, float, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """A part of a piece under construction, with what is known of its two ends."""
+
+    xy: Floats
+    width: Floats
+    ends: tuple[tuple[int, float] | None, tuple[int, float] | None]
+    pressed: tuple[tuple[int, float, float], ...] = ()
+
+
+def cut_lines(
+    lines: Sequence[Floats], widths: Sequence[Floats], outline: Polygon, *, road_width: float
+) -> tuple[list[Wall], list[Piece]]:
+    """Cut lines to the free region: the outline with its holes less half a `road_width`.
+
+    `lines[k]` has shape (points, 2), `widths[k]` shape (points - 1,), mm. Returns the walls of the
+    free region and the pieces, line by line, each from its low to its high end.
+
+    A stretch that leaves the free region by less than `PRESS` road widths and runs along the wall
+    (the first and last lines of a family do, give or take rounding) is replaced by the wall
+    itself, so that it neither breaks into fragments nor comes closer to the outline than half a
+    road; a stretch that crosses the wall ends there.
+    """
+    free = free_region(outline, road_width / 2)
+    slack = PRESS * road_width
+    near = free_region(outline, road_width / 2 - slack)
+    walls = [Wall.of(ring) for ring in rings(free)]
+    family = _Family.of(lines, widths)
+    breaks = _Breaks.of(family, walls, [Wall.of(ring) for ring in rings(near)])
+    middle = family.point((breaks.at[1:] + breaks.at[:-1]) / 2)
+    prepare(free)
+    prepare(near)
+    state = np.where(contains_xy(near, middle), _BETWEEN, _OUTSIDE)
+    state[contains_xy(free, middle)] = _FREE
+    state[breaks.line[1:] != breaks.line[:-1]] = _OUTSIDE
+
+    pieces: list[Piece] = []
+    for first, last in _groups(state):
+        stretches = [
+            family.stretch(breaks, a, b)
+            if state[a] == _FREE
+            else _press(family, breaks, walls, a, b, slack, at_end=a == first or b == last)
+            for a, b in _merged(state, first, last)
+        ]
+        line = int(breaks.line[first])
+        pieces += [_joined(line, chain) for chain in _chains(stretches)]
+    shortest = SHORTEST * road_width
+    return walls, [piece for piece in pieces if _length(piece.xy) >= shortest]
+
+
+@dataclass(frozen=True, eq=False)
+class _Family:
+    """All lines of a family in one array; a place on them is a vertex index plus a share."""
+
+    xy: Floats
+    width: Floats
+    first: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, lines: Sequence[Floats], widths: Sequence[Floats]) -> "_Family":
+        first = np.concatenate([[0], np.cumsum([len(line) for line in lines])])
+        # One width a vertex, the last of each line unused, so that both share their index.
+        padded = [np.append(width, width[-1]) for width in widths]
+        return cls(np.concatenate(lines), np.concatenate(padded), first)
+
+    def point(self, at: Floats) -> Floats:
+        index = np.floor(at).astype(int)
+        share = (at - index)[..., None]
+        return (1 - share) * self.xy[index] + share * self.xy[
+            np.minimum(index + 1, len(self.xy) - 1)
+        ]
+
+    def vertices(self, breaks: "_Breaks", a: int, b: int) -> tuple[Floats, Floats]:
+        """Points and widths from break `a` to break `b`."""
+        first = int(breaks.at[a])
+        inner = self.xy[first + 1 : ceil(breaks.at[b])]
+        xy = np.concatenate([breaks.xy[a : a + 1], inner, breaks.xy[b : b + 1]])
+        return xy, self.width[first : first + len(xy) - 1]
+
+    def stretch(self, breaks: "_Breaks", a: int, b: int) -> _Stretch:
+        xy, width = self.vertices(breaks, a, b)
+        return _Stretch(xy, width, (breaks.end(a), breaks.end(b)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Breaks:
+    """Places where a line begins, ends or meets a ring: sorted; `wall` is -1 for no wall."""
+
+    at: Floats
+    xy: Floats
+    line: NDArray[np.intp]
+    wall: NDArray[np.intp]
+    position: Floats
+
+    @classmethod
+    def of(cls, family: _Family, walls: list[Wall], others: list[Wall]) -> "_Breaks":
+        every = walls + others
+        a = np.concatenate([wall.xy[:-1] for wall in every])
+        b = np.concatenate([wall.xy[1:] for wall in every])
+        position = np.concatenate([wall.at[:-1] for wall in every])
+        owner = np.repeat(np.arange(len(every)), [len(wall.xy) - 1 for wall in every])
+
+        segment = np.ones(len(family.xy), bool)
+        segment[family.first[1:] - 1] = False
+        index = np.flatnonzero(segment)
+        ends = np.stack([family.xy[index], family.xy[index + 1]], 1)
+        found, ring = STRtree(np.asarray(linestrings(np.stack([a, b], 1)))).query(linestrings(ends))
+        p, r = ends[found, 0], ends[found, 1] - ends[found, 0]
+        q, s = a[ring], b[ring] - a[ring]
+        across = _cross(r, s)
+        size = np.hypot(*r.T) * np.hypot(*s.T)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t, u = _cross(q - p, s) / across, _cross(q - p, r) / across
+        edge = 1e-12
+        hit = (np.abs(across) > edge * size) & (t >= -edge) & (t <= 1 + edge)
+        hit &= (u >= -edge) & (u <= 1 + edge)
+        t, u, ring = np.clip(t[hit], 0, 1), np.clip(u[hit], 0, 1), ring[hit]
+
+        limits = np.concatenate([family.first[:-1], family.first[1:] - 1]).astype(float)
+        at = np.concatenate([index[found[hit]] + t, limits])
+        none = np.full(len(limits), -1)
+        wall = np.concatenate([np.where(owner[ring] < len(walls), owner[ring], -1), none])
+        along = position[ring] + u * np.hypot(*(b - a)[ring].T)
+        along = np.concatenate([along, np.zeros(len(limits))])
+        order = np.argsort(at, kind="stable")
+        order = order[np.diff(at[order], prepend=-1.0) > 1e-10]
+        at = at[order]
+        line = np.searchsorted(family.first, at, side="right") - 1
+        return cls(at, family.point(at), line, wall[order], along[order])
+
+    def end(self, index: int) -> tuple[int, float] | None:
+        wall = int(self.wall[index])
+        return None if wall < 0 else (wall, float(self.position[index]))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _length(xy: Floats) -> float:
+    step = xy[1:] - xy[:-1]
+    return float(np.hypot(step[:, 0], step[:, 1]).sum())
+
+
+def _groups(state: NDArray[np.intp]) -> list[tuple[int, int]]:
+    """First and last break of each row of spans that are not outside."""
+    inside = np.concatenate([[False], state != _OUTSIDE, [False]]).astype(int)
+    change = np.diff(inside)
+    return list(zip(*(np.flatnonzero(change == sign).tolist() for sign in (1, -1)), strict=True))
+
+
+def _merged(state: NDArray[np.intp], first: int, last: int) -> list[tuple[int, int]]:
+    """The breaks between which the state does not change."""
+    inner = first + 1 + np.flatnonzero(np.diff(state[first:last]))
+    edges = [first, *inner.tolist(), last]
+    return list(pairwise(edges))
+
+
+def _press(
+    family: _Family,
+    breaks: _Breaks,
+    walls: list[Wall],
+    a: int,
+    b: int,
+    slack: float,
+    *,
+    at_end: bool,
+) -> _Stretch | None:
+    """The stretch moved onto the wall beside it, or None where the line is to end instead."""
+    xy, width = family.vertices(breaks, a, b)
+    length = _length(xy)
+    # A line that meets the wall at more than about 15 degrees does not run along it.
+    if at_end and length <= 4 * slack:
+        return None
+    known = {int(wall) for wall in breaks.wall[[a, b]] if wall >= 0}
+    if len(known) == 2:
+        return None
+    number = known.pop() if known else _nearest(walls, xy[len(xy) // 2])
+    wall = walls[number]
+    at = np.unwrap(wall.locate(xy), period=wall.length)
+    way = abs(at[-1] - at[0])
+    if not length / 2 - 4 * slack <= way <= 1.5 * length + 4 * slack:
+        return None
+    sign = 1.0 if at[-1] >= at[0] else -1.0
+    rising = np.minimum(np.maximum.accumulate(sign * at), sign * at[-1])
+    stops = np.union1d(rising, sign * wall.corners(at[0], at[-1]))
+    if len(stops) < 2:
+        return None
+    middle = (stops[1:] + stops[:-1]) / 2
+    index = np.clip(np.searchsorted(rising, middle, side="right") - 1, 0, len(width) - 1)
+    ends = ((number, float(at[0] % wall.length)), (number, float(at[-1] % wall.length)))
+    pressed = (number, float(min(at[0], at[-1])), float(max(at[0], at[-1])))
+    return _Stretch(wall.point(sign * stops), width[index], ends, (pressed,))
+
+
+def _nearest(walls: list[Wall], xy: Floats) -> int:
+    return int(np.argmin([Polygon(wall.xy).exterior.distance(Point(xy)) for wall in walls]))
+
+
+def _chains(stretches: list[_Stretch | None]) -> list[list[_Stretch]]:
+    """Stretches that follow on each other, parted where a line ends."""
+    chains: list[list[_Stretch]] = [[]]
+    for stretch in stretches:
+        if stretch is None:
+            chains.append([])
+        else:
+            chains[-1].append(stretch)
+    return [chain for chain in chains if chain]
+
+
+def _joined(line: int, chain: list[_Stretch]) -> Piece:
+    xy = np.concatenate([chain[0].xy[:1], *(stretch.xy[1:] for stretch in chain)])
+    width = np.concatenate([stretch.width for stretch in chain])
+    step = xy[1:] - xy[:-1]
+    moved = np.hypot(step[:, 0], step[:, 1]) > 1e-9
+    keep = np.concatenate([[True], moved])
+    ends = (chain[0].ends[0], chain[-1].ends[1])
+    pressed = tuple(run for stretch in chain for run in stretch.pressed)
+    return Piece(line, xy[keep], width[moved], ends, pressed)

@@ -1,0 +1,144 @@
+"""All segments of a layer's roads in flat arrays, and which of them meet or come close."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from shapely import STRtree, linestrings
+
+from fdjax.plan.toolpath import Road
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+_TOUCH = 1e-6
+"""Two points closer than this are one, mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Segments of several roads, one after the other; those of no length are left out.
+
+    - `start`, `end`: shape (n, 2), mm; `width`, `length`: shape (n,), mm.
+    - `road`: index of the road of each segment; `at`: position of its start along that road, mm.
+    - `road_length`, `road_ends` (roads, 2, 2), `closed`, `family`: of each road; the families
+      are numbered.
+    """
+
+    start: Floats
+    end: Floats
+    width: Floats
+    length: Floats
+    road: Ints
+    at: Floats
+    road_length: Floats
+    road_ends: Floats
+    closed: NDArray[np.bool_]
+    family: Ints
+
+    @classmethod
+    def of(cls, roads: Sequence[Road]) -> "Segments":
+        names: dict[str, int] = {}
+        family = np.array([names.setdefault(road.family, len(names)) for road in roads], int)
+        closed = np.array([road.closed for road in roads], bool)
+        if not roads:
+            none = np.zeros(0)
+            return cls(np.zeros((0, 2)), np.zeros((0, 2)), none, none, np.zeros(0, int),
+                       none, none, np.zeros((0, 2, 2)), closed, family)  # fmt: skip
+        paths = [road.path for road in roads]
+        start = np.concatenate([path[:-1] for path in paths])
+        end = np.concatenate([path[1:] for path in paths])
+        width = np.concatenate([road.width for road in roads])
+        owner = np.repeat(np.arange(len(roads)), [len(path) - 1 for path in paths])
+        length = np.hypot(*(end - start).T)
+        keep = length > 0
+        start, end, width, owner = start[keep], end[keep], width[keep], owner[keep]
+        length = length[keep]
+        total = np.bincount(owner, length, len(roads)).astype(float)
+        walked = np.cumsum(length) - length
+        at = walked - (np.cumsum(total) - total)[owner]
+        ends = np.stack([path[[0, -1]] for path in paths])
+        return cls(start, end, width, length, owner, at, total, ends, closed, family)
+
+    @cached_property
+    def unit(self) -> Floats:
+        """Direction of each segment, shape (n, 2)."""
+        return (self.end - self.start) / self.length[:, None]
+
+    @cached_property
+    def lines(self) -> NDArray[np.object_]:
+        """The segments as geometries."""
+        return np.asarray(linestrings(np.stack([self.start, self.end], 1)))
+
+    def boxes(self, margin: float) -> NDArray[np.object_]:
+        """Diagonals of the segments' bounding boxes, larger by a margin on each side."""
+        low = np.minimum(self.start, self.end) - margin
+        high = np.maximum(self.start, self.end) + margin
+        return np.asarray(linestrings(np.stack([low, high], 1)))
+
+    def near_pairs(self, tree: STRtree) -> tuple[Ints, Ints]:
+        """Pairs i < j whose boxes in the tree meet; of one road not those in sequence."""
+        i, j = tree.query(tree.geometries)
+        keep = i < j
+        i, j = i[keep], j[keep]
+        same = self.road[i] == self.road[j]
+        after = self.at[j] - (self.at[i] + self.length[i]) <= _TOUCH
+        around = self.at[j] + self.length[j] - self.at[i] >= (
+            self.road_length[self.road[i]] - _TOUCH
+        )
+        keep = ~(same & (after | (around & self.closed[self.road[i]])))
+        return i[keep], j[keep]
+
+    def point(self, index: Ints, place: Floats) -> Floats:
+        """Where the position `place` of a road lies, given a segment that holds it."""
+        return self.start[index] + (place - self.at[index])[:, None] * self.unit[index]
+
+    def nearest(self, index: Ints, xy: Floats) -> tuple[Floats, Floats]:
+        """Distance of points to segments, and the position along the road of the nearest point."""
+        offset = xy - self.start[index]
+        unit = self.unit[index]
+        along = np.clip((offset * unit).sum(1), 0, self.length[index])
+        distance = np.hypot(*(offset - along[:, None] * unit).T)
+        return distance, self.at[index] + along
+
+    def crossings(self, i: Ints, j: Ints) -> "Crossings":
+        """Which of these pairs cross or touch; the free ends of open roads may touch."""
+        p, r = self.start[i], self.end[i] - self.start[i]
+        q, s = self.start[j], self.end[j] - self.start[j]
+        across, size = _cross(r, s), self.length[i] * self.length[j]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t, u = _cross(q - p, s) / across, _cross(q - p, r) / across
+        edge = 1e-9
+        hit = (np.abs(across) > edge * size) & (t >= -edge) & (t <= 1 + edge)
+        hit &= (u >= -edge) & (u <= 1 + edge)
+        i, j, t, u = i[hit], j[hit], t[hit], u[hit]
+        inside = ~(self.at_free_end(i, t) | self.at_free_end(j, u))
+        i, j, t = i[inside], j[inside], t[inside]
+        xy = self.start[i] + t[:, None] * (self.end - self.start)[i]
+        sine = np.abs(across[hit][inside]) / size[hit][inside]
+        # A crossing at a vertex is found once for each segment that ends there.
+        places = np.column_stack([self.road[i], self.road[j], np.round(xy / _TOUCH)])
+        first = np.sort(np.unique(places, axis=0, return_index=True)[1])
+        return Crossings(i[first], j[first], xy[first], sine[first])
+
+    def at_free_end(self, index: Ints, share: Floats) -> NDArray[np.bool_]:
+        """Whether the place at this share of a segment is where an open road starts or ends."""
+        place = self.at[index] + share * self.length[index]
+        ends = (place <= _TOUCH) | (place >= self.road_length[self.road[index]] - _TOUCH)
+        return ends & ~self.closed[self.road[index]]
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Pairs of segments that cross: where, and the sine of the angle between them."""
+
+    i: Ints
+    j: Ints
+    xy: Floats
+    sine: Floats
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]

@@ -1,0 +1,123 @@
+"""What a machine is asked to lay down: roads in layers in a build. Frozen data, NumPy only."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from shapely import Polygon
+
+from fdjax.errors import InputError
+from fdjax.road.bead import section_area
+
+Floats = NDArray[np.float64]
+
+
+def _frozen(values: ArrayLike) -> Floats:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """One continuous deposit, from flow on to flow off.
+
+    - `xy`: centre line, shape (points, 2), mm in the part's coordinates; at least two points.
+      A closed road does not repeat its first point.
+    - `width`: road width of each segment, shape (segments,), mm.
+    - `material`: number of the material or tool, from 0.
+    - `closed`: whether the last point runs on to the first.
+    - `family`: "xi" or "eta" where the road follows grid lines of one family, else "".
+
+    Raises `InputError` when the shapes do not fit together or a value is not finite.
+    """
+
+    xy: Floats
+    width: Floats
+    material: int = 0
+    closed: bool = False
+    family: str = ""
+
+    def __post_init__(self) -> None:
+        xy = _frozen(self.xy)
+        if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
+            raise InputError(f"road: points have shape {xy.shape}; (points, 2), at least two")
+        segments = len(xy) - (not self.closed)
+        width = _frozen(np.broadcast_to(np.asarray(self.width, float), (segments,)))
+        if not (np.isfinite(xy).all() and np.isfinite(width).all()):
+            raise InputError("road: points and widths must be finite")
+        object.__setattr__(self, "xy", xy)
+        object.__setattr__(self, "width", width)
+
+    @property
+    def path(self) -> Floats:
+        """Centre line with the closing point repeated where closed, shape (segments + 1, 2)."""
+        return np.vstack([self.xy, self.xy[:1]]) if self.closed else self.xy
+
+    @property
+    def segment_lengths(self) -> Floats:
+        """Length of each segment, shape (segments,), mm."""
+        return np.hypot(*np.diff(self.path, axis=0).T)
+
+    @property
+    def length(self) -> float:
+        """Length of the centre line, mm."""
+        return float(self.segment_lengths.sum())
+
+    def segment_volumes(self, height: float) -> Floats:
+        """Deposited volume of each segment in a layer of this height, shape (segments,), mm^3."""
+        return section_area(self.width, height) * self.segment_lengths
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """Roads laid at one height, in the order in which they are laid.
+
+    - `z`: top of the layer above the bed, mm; `height`: its thickness, mm.
+    - `outline`: what the layer is to fill, holes included, or None where a file does not say.
+    """
+
+    z: float
+    height: float
+    roads: tuple[Road, ...]
+    outline: Polygon | None = None
+
+    @property
+    def volume(self) -> float:
+        """Deposited volume, mm^3; what overlaps counts twice."""
+        return float(sum(road.segment_volumes(self.height).sum() for road in self.roads))
+
+    @property
+    def travel(self) -> float:
+        """Length moved without deposit between the layer's roads, mm."""
+        ends = [road.path[-1] for road in self.roads[:-1]]
+        starts = [road.path[0] for road in self.roads[1:]]
+        return float(sum(np.hypot(*(b - a)) for a, b in zip(ends, starts, strict=True)))
+
+
+@dataclass(frozen=True, eq=False)
+class Build:
+    """Everything that one machine file holds.
+
+    - `layers`: from the bed upwards.
+    - `name`: of the part.
+    - `origin`: where the part's (0, 0) lies on the machine's bed, mm. Roads and outlines are in
+      the part's coordinates; writers add the origin, readers take it off again.
+    - `notes`: header facts as text, kept in the file's comments (the target, for one).
+    """
+
+    layers: tuple[Layer, ...]
+    name: str = "part"
+    origin: tuple[float, float] = (0.0, 0.0)
+    notes: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def volume(self) -> float:
+        """Deposited volume, mm^3; what overlaps counts twice."""
+        return sum(layer.volume for layer in self.layers)
+
+    def replace(self, **changes: Any) -> "Build":
+        """A copy with some fields changed."""
+        return replace(self, **changes)

@@ -1,0 +1,151 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Point, box
+
+from fdjax.errors import InputError
+from fdjax.plan.join import lay_family
+from fdjax.plan.measure import compare, measure
+from fdjax.plan.toolpath import Build, Layer, Road
+from fdjax.road.bead import section_area
+
+PLATE = box(0, 0, 20, 10)
+BEAD = section_area(0.4, 0.2)
+
+
+def plate(*roads, outline=PLATE, layers=1):
+    return Build(tuple(Layer(0.2 * (k + 1), 0.2, roads, outline) for k in range(layers)))
+
+
+def test_parallel_lines_across_windows():
+    roads = [Road([(0, y), (20, y)], 0.4) for y in (1, 2, 6)]
+    result = measure(plate(*roads, layers=3), window=5)
+    assert result.solid.shape == (4, 2)
+    assert result.x.tolist() == [0, 5, 10, 15, 20]
+    assert result.solid[:, 0] == pytest.approx(2 * 5 * BEAD / (25 * 0.2))
+    assert result.solid[:, 1] == pytest.approx(5 * BEAD / (25 * 0.2))
+    assert result.porosity == pytest.approx(1 - result.solid)
+    assert result.mean_solid == pytest.approx(3 * 20 * BEAD / (200 * 0.2))
+
+
+def test_serpentine_counts_its_turns():
+    lines = [[(x, 0), (x, 10)] for x in (2, 6, 12, 18)]
+    (road,) = lay_family(lines, PLATE, width=0.4, lift_length=1, parity=0)
+    result = measure(plate(road), window=10)
+    # Left: two lines, the top turn 2..6, and of the bottom turn 6..12 four.
+    assert result.volume[:, 0] == pytest.approx(BEAD * np.array([2 * 9.6 + 8, 2 * 9.6 + 8]))
+    assert result.mean_solid == pytest.approx((4 * 9.6 + 16) * BEAD / 40)
+
+
+def test_diagonal_is_split_at_every_edge():
+    result = measure(plate(Road([(0, 0), (20, 10)], 0.4)), window=2.5)
+    half = np.hypot(2.5, 1.25) * BEAD
+    expected = np.zeros((8, 4))
+    expected[np.arange(8), np.arange(8) // 2] = half
+    assert result.volume == pytest.approx(expected)
+
+
+def test_segment_on_a_window_edge_counts_once():
+    edges = [Road([(5, 0), (5, 10)], 0.4), Road([(0, 10), (20, 10)], 0.4)]
+    for shift in (0.0, 1e-13):
+        roads = [Road(road.xy - shift, 0.4) for road in edges]
+        result = measure(plate(*roads), window=5)
+        column = 5 * BEAD
+        assert result.volume[1, 0] == pytest.approx(column)
+        assert result.volume[:, 1] == pytest.approx([column, 2 * column, column, column])
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    window=st.floats(0.7, 9),
+    shift=st.tuples(st.floats(0, 1), st.floats(0, 1)),
+)
+def test_windows_hold_all_volume_and_measuring_is_additive(seed, window, shift):
+    rng = np.random.default_rng(seed)
+    outline = PLATE.difference(Point(8, 5).buffer(2))
+
+    def road():
+        xy = np.round(rng.uniform(0, 1, (12, 2)) * [20, 10], 1)
+        return Road(xy, rng.uniform(0.3, 0.5, 11))
+
+    first, second = (road(), road()), (road(),)
+    parts = [
+        measure(plate(*roads, outline=outline), window=window, shift=shift)
+        for roads in (first, second, first + second)
+    ]
+    for part in parts:
+        assert part.volume.sum() == pytest.approx(part.total_volume, rel=1e-12)
+        assert part.area.sum() == pytest.approx(outline.area, rel=1e-12)
+    assert parts[0].volume + parts[1].volume == pytest.approx(parts[2].volume, abs=1e-12)
+
+
+def test_windows_half_inside_are_kept():
+    result = measure(plate(), window=4)
+    # 20 x 10 in windows of 4: the last row is half inside; shifted, no row at the edge is.
+    assert result.kept.all()
+    assert result.area[0, -1] == pytest.approx(8)
+    shifted = measure(plate(), window=4, shift=(0, 0.25))
+    assert shifted.y.tolist() == [-3, 1, 5, 9, 13]
+    assert shifted.kept[0].tolist() == [False, True, True, False]
+
+
+def test_layers_with_their_own_outlines():
+    half = box(0, 0, 10, 10)
+    road = Road([(0, 5), (10, 5)], 0.4)
+    build = Build((Layer(0.2, 0.2, (road,), PLATE), Layer(0.5, 0.3, (), half)))
+    result = measure(build, window=10)
+    assert result.area[:, 0] == pytest.approx([100, 100 * 0.2 / 0.5])
+    assert result.solid[0, 0] == pytest.approx(10 * BEAD / (100 * 0.5))
+    assert np.isnan(result.solid[1, 0])
+    assert result.mean_solid == pytest.approx(10 * BEAD / (200 * 0.2 + 100 * 0.3))
+    assert measure(build, window=10, outline=PLATE).kept.all()
+
+
+def test_compare_with_exact_means():
+    result = measure(plate(Road([(0, 5.5), (20, 5.5)], 0.4)), window=5)
+    comparison = compare(result, lambda x, y: 0.5 + 0.01 * x + 0.001 * y**2)
+    centre = 0.5 + 0.01 * np.array([2.5, 7.5, 12.5, 17.5])
+    rows = 0.001 * np.array([25 / 3, (1000 - 125) / 15])
+    assert comparison.asked == pytest.approx(centre[:, None] + rows, abs=1e-12)
+    assert comparison.error == pytest.approx(result.porosity - comparison.asked)
+    assert comparison.rms == pytest.approx(np.sqrt((comparison.error**2).mean()))
+    assert comparison.largest == pytest.approx(np.abs(comparison.error).max())
+    assert comparison.mean_asked == pytest.approx(0.6 + 0.1 / 3)
+    assert comparison.mean_got == pytest.approx(1 - 20 * BEAD / 40)
+    assert comparison.mean_error == pytest.approx(comparison.mean_got - comparison.mean_asked)
+
+
+def test_compare_in_windows_cut_by_the_outline():
+    result = measure(plate(outline=box(0, 0, 8, 10)), window=5)
+    comparison = compare(result, lambda x, y: x / 10)
+    assert comparison.asked[:, 0] == pytest.approx([0.25, 0.65], abs=1e-12)
+    disc = measure(plate(outline=Point(5, 5).buffer(5, quad_segs=64)), window=5)
+    asked = compare(disc, lambda x, y: x / 10).asked
+    # Mean x of a quarter disc about (5, 5): 5 -+ 4 r / (3 pi).
+    assert asked[:, 0] == pytest.approx(0.5 + np.array([-1, 1]) * 2 / (3 * np.pi), abs=5e-3)
+    assert compare(disc, lambda x, y: 0.3).mean_asked == pytest.approx(0.3)
+
+
+def test_deposits_outside_count_in_the_mean_alone():
+    skirt = Road([(-3, -3), (23, -3)], 0.4)
+    result = measure(plate(skirt), window=5)
+    assert result.volume.sum() == 0
+    assert result.mean_solid == pytest.approx(26 * BEAD / 40)
+
+
+def test_degenerate_builds():
+    dot = Road([(1, 1), (1, 1)], 0.4)
+    assert measure(plate(dot), window=5).volume.sum() == 0
+    assert (measure(plate(), window=5).porosity == 1).all()
+    with pytest.raises(InputError, match="no layers"):
+        measure(Build(()), window=5)
+    with pytest.raises(InputError, match="no outline"):
+        measure(plate(outline=None), window=5)
+    with pytest.raises(InputError, match="half inside"):
+        measure(plate(), window=50)
+    with pytest.raises(InputError, match="positive"):
+        measure(plate(), window=0)
+    with pytest.raises(InputError, match="not finite"):
+        compare(measure(plate(), window=5), lambda x, y: x * np.nan)
