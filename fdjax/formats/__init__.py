@@ -1,0 +1,59 @@
+"""Machine files: one module a format, each with a reader and a writer."""
+
+import importlib
+import inspect
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from fdjax.errors import InputError
+
+if TYPE_CHECKING:
+    from fdjax.plan.toolpath import Build
+
+FORMATS = {
+    ".gcode": "fdjax.formats.gcode",
+    ".gco": "fdjax.formats.gcode",
+    ".g": "fdjax.formats.gcode",
+    ".sml": "fdjax.formats.sml",
+    ".ssl": "fdjax.formats.ssl",
+}
+"""Module of each file suffix; loaded on first use.
+
+A module has `write(build, machine)` and `read(text, ...)`, and `fit(build, machine)` where the
+format rounds what the roads are.
+"""
+
+
+def module(path: str | Path) -> ModuleType:
+    """The module for a file of this name. Raises `InputError` for a suffix that is not known."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in FORMATS:
+        raise InputError(f"{path}: unknown kind of file; known are {', '.join(FORMATS)}")
+    return importlib.import_module(FORMATS[suffix])
+
+
+def read_file(path: str | Path, **options: Any) -> "Build":
+    """The build that a machine file holds; `options` go to the format's `read` unless None.
+
+    `machine` may also be the name or path of a profile. Raises `InputError`, naming the file, where
+    it cannot be read or is not what its suffix says, and for an option that its format has no use
+    for.
+    """
+    reader = module(path).read
+    given = {name: value for name, value in options.items() if value is not None}
+    for name in given:
+        if name not in inspect.signature(reader).parameters:
+            raise InputError(f"{path}: a {Path(path).suffix} file has no use for {name!r}")
+    if isinstance(given.get("machine"), str | Path):
+        from fdjax.formats import profile
+
+        given["machine"] = profile.load(given["machine"])
+    try:
+        text = Path(path).read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    try:
+        return reader(text, **given)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None

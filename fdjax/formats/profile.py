@@ -1,0 +1,212 @@
+"""Machine profiles: what a machine can lay down and how its files say it, read from TOML."""
+
+# ruff: noqa: RUF009  (`key` is dataclasses.field)
+
+import difflib
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fdjax.errors import InputError
+from fdjax.formats import strict
+from fdjax.formats.strict import key, table
+from fdjax.formats.template import GCODE_NAMES, SML_NAMES, check
+
+_FOLDER = Path(__file__).parent / "profiles"
+
+
+@dataclass(frozen=True)
+class Extrusion:
+    """Filament diameter in mm; `flow` multiplies the filament that a volume takes."""
+
+    filament: float = key(strict.length(0.5, 10))
+    flow: float = key(strict.number(0.1, 10))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Speeds in mm/s."""
+
+    first_layer_speed: float = key(strict.number(0.1, 1000))
+    print_speed: float = key(strict.number(0.1, 1000))
+    travel_speed: float = key(strict.number(0.1, 1000))
+    z_speed: float = key(strict.number(0.1, 1000))
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Temperatures in degrees Celsius; 0 is off."""
+
+    nozzle: int = key(strict.whole(0, 500))
+    bed: int = key(strict.whole(0, 200))
+
+
+@dataclass(frozen=True)
+class Retraction:
+    """Filament pulled back before a travel: mm and mm/s; `hop` lifts the nozzle, mm.
+
+    Travels shorter than `least_travel` (mm) are made without.
+    """
+
+    length: float = key(strict.length(0, 20))
+    speed: float = key(strict.number(0.1, 1000))
+    hop: float = key(strict.length(0, 10))
+    least_travel: float = key(strict.length(0, 1000))
+
+
+@dataclass(frozen=True)
+class Cooling:
+    """Part fan, 0 to 1, switched on after so many layers."""
+
+    fan: float = key(strict.number(0, 1))
+    layers_without: int = key(strict.whole(0, 1000))
+
+
+@dataclass(frozen=True)
+class Gcode:
+    """What the G-code writer needs of a machine.
+
+    - `tools`: how many it has; `relative_e`: M83, else M82.
+    - `start`: code that heats and homes; `prime`: code that deposits outside the part, relative
+      E; `end`: code that turns everything off. `template.GCODE_NAMES` lists the placeholders.
+    """
+
+    tools: int = key(strict.whole(1, 16))
+    relative_e: bool = key(strict.flag)
+    start: tuple[str, ...] = key(strict.lines(*GCODE_NAMES))
+    prime: tuple[str, ...] = key(strict.lines(*GCODE_NAMES))
+    end: tuple[str, ...] = key(strict.lines(*GCODE_NAMES))
+    extrusion: Extrusion = key(table(Extrusion))
+    motion: Motion = key(table(Motion))
+    temperature: Temperature = key(table(Temperature))
+    retraction: Retraction = key(table(Retraction))
+    cooling: Cooling = key(table(Cooling))
+
+
+@dataclass(frozen=True)
+class Sml:
+    """What the SML writer and reader need of a machine.
+
+    - `speed`, `travel_speed`: microsteps/s; `acceleration`: thousands of microsteps/s^2.
+    - `pre_delay`, `pre_code`: seconds of flow before a road, and its flow code.
+    - `start_code`: flow code at the road's start (odd), in force for `start_steps` microsteps;
+      `rollback_code` (odd): from `rollback_steps` before the road's end.
+    - `area_per_code`: mm^2 of section per unit of an even flow code.
+    - `mark`: what stands before a road's set-up; `comment`: what starts a comment line.
+    - `stop`: commands before a travel; `layer`: the Z command with `{z}` in microsteps;
+      `materials`: the command that selects each material; `header` and `footer`: command lines,
+      with the placeholders of `template.SML_NAMES`.
+    """
+
+    speed: int = key(strict.whole(1, 32767))
+    travel_speed: int = key(strict.whole(1, 32767))
+    acceleration: int = key(strict.whole(1, 1000))
+    pre_delay: float = key(strict.number(0, 6.5535))
+    pre_code: int = key(strict.whole(0, 255))
+    start_code: int = key(strict.whole(1, 127, odd=True))
+    start_steps: int = key(strict.whole(1, 1000))
+    rollback_steps: int = key(strict.whole(1, 1000))
+    rollback_code: int = key(strict.whole(139, 255, odd=True))
+    area_per_code: float = key(strict.number(1e-6, 1))
+    mark: str = key(strict.text)
+    comment: str = key(strict.text)
+    stop: tuple[str, ...] = key(strict.lines())
+    layer: str = key(strict.text)
+    materials: tuple[str, ...] = key(strict.lines())
+    header: tuple[str, ...] = key(strict.lines(*SML_NAMES))
+    footer: tuple[str, ...] = key(strict.lines(*SML_NAMES))
+
+
+@dataclass(frozen=True)
+class Machine:
+    """What every machine says of itself; lengths in mm.
+
+    - `name`, `title`; `format`: "gcode" or "sml", which of the tables below it must have.
+    - `bed`: x, y and z; `nozzle`: its bore.
+    - `road_width`, `layer_height`: smallest and largest.
+    - `least_road`: shortest whole road, from flow on to flow off; `longest_span`: longest road
+      that nothing below supports.
+    - `lift_length`: deposit that takes as long as one lift and set-down; a detour along a wall is
+      preferred to lifting where it is shorter than this and the travel together.
+    - `least_spacing`: of roads of one family; None means the road width, so roads may touch.
+    - `unverified`: dotted keys that no public source confirms.
+    """
+
+    name: str = key(strict.text)
+    title: str = key(strict.text)
+    format: str = key(strict.choice("gcode", "sml"))
+    bed: tuple[float, float, float] = key(strict.lengths(3, 10, 10_000))
+    nozzle: float = key(strict.length(0.05, 10))
+    road_width: tuple[float, float] = key(strict.span(0.01, 50))
+    layer_height: tuple[float, float] = key(strict.span(0.005, 20))
+    least_road: float = key(strict.length(0, 1000))
+    longest_span: float = key(strict.length(0.01, 1000))
+    lift_length: float = key(strict.length(0, 1000))
+    least_spacing: float | None = key(strict.length(0.01, 1000), default=None)
+    unverified: tuple[str, ...] = key(strict.lines(), default=())
+    gcode: Gcode | None = key(table(Gcode), default=None)
+    sml: Sml | None = key(table(Sml), default=None)
+
+
+def names() -> list[str]:
+    """Names of the bundled profiles.
+
+    >>> names()
+    ['marlin-0.4', 'stratasys-fdm1650']
+    """
+    return sorted(path.stem for path in _FOLDER.glob("*.toml"))
+
+
+def load(name_or_path: str | Path) -> Machine:
+    """The machine of a bundled profile's name or of a path to a TOML file.
+
+    Raises `InputError` for a profile that is not there, is no TOML, has an unknown key, or has a
+    missing or absurd value; the message names profile, table and key.
+
+    >>> load("marlin-0.4").road_width
+    (0.3, 0.8)
+    """
+    given = str(name_or_path)
+    path = _FOLDER / f"{given}.toml" if given in names() else Path(name_or_path)
+    where = f"profile {given}"
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        near = difflib.get_close_matches(given, names(), 1, 0.0)[0]
+        raise InputError(
+            f'{where}: no such machine or file (did you mean "{near}"? known: {", ".join(names())})'
+        ) from None
+    except (OSError, ValueError) as error:  # unreadable, not text, or not TOML
+        raise InputError(f"{where}: cannot be read as TOML ({error})") from None
+    machine = table(Machine)(data, f"{where}: ")
+    _check(machine, where)
+    return machine
+
+
+def _check(machine: Machine, where: str) -> None:
+    if getattr(machine, machine.format) is None:
+        raise InputError(f"{where}: {machine.format}: missing table (format is {machine.format!r})")
+    for dotted in machine.unverified:
+        value: Any = machine
+        for part in dotted.split("."):
+            value = getattr(value, part, None)
+        if value is None:
+            raise InputError(f"{where}: unverified: there is no key {dotted!r}")
+    if machine.sml is not None:
+        sml = machine.sml
+        check([sml.layer], ["z"], f"{where}: sml.layer")
+        if not re.fullmatch(r"[A-Za-z]{2}\{z\};", sml.layer):
+            raise InputError(f"{where}: sml.layer: {sml.layer!r}; one command such as 'AZ{{z}};'")
+        for name in ("header", "footer", "stop"):
+            for line in getattr(sml, name):
+                if not line.rstrip().endswith(";"):
+                    raise InputError(f"{where}: sml.{name}: {line!r} does not end in ;")
+        for line in sml.materials:
+            if not re.fullmatch(r"[A-Za-z]{2}[^;]*;", line):
+                raise InputError(f"{where}: sml.materials: {line!r}; one command such as 'SP1;'")
+        if not sml.comment.strip() or sml.comment[0].isalnum() or ";" in sml.comment:
+            raise InputError(f"{where}: sml.comment: {sml.comment!r}; a sign such as '#'")
+        if not sml.materials or len(set(sml.materials)) < len(sml.materials):
+            raise InputError(f"{where}: sml.materials: one command a material, all different")

@@ -1,0 +1,134 @@
+"""SSL, the slice file of Stratasys' QuickSlice: the layers' outlines and nothing else.
+
+    Slice V0
+    FILE(name)
+    UNITS(INCH)
+    SLICES()
+    Z <z> <dz>      z is the layer's top
+    x y             one vertex a line; the first is not repeated
+    C               closes the contour
+    END
+
+SSL has no place for where the part lies on the bed, so coordinates are the part's own, in inches.
+"""
+
+import math
+import re
+
+import numpy as np
+from shapely import LinearRing, Polygon, get_coordinates
+from shapely.geometry.polygon import orient
+
+from fdjax.errors import InputError
+from fdjax.formats.profile import Machine
+from fdjax.plan.toolpath import Build, Layer
+from fdjax.units import MM_PER_INCH
+
+__all__ = ["read", "write"]
+
+_DECIMALS = 8  # of an inch, 0.25 nm
+
+
+def write(build: Build, machine: Machine | None = None) -> str:
+    """The SSL file of the build's outlines; roads are not in it, and no machine is needed.
+
+    Outer contours run counter-clockwise, holes clockwise. Raises `InputError` where a layer has no
+    outline.
+    """
+    out = ["Slice V0", f"FILE({' '.join(build.name.split())})", "UNITS(INCH)", "SLICES()"]
+    for index, layer in enumerate(build.layers):
+        if layer.outline is None or layer.outline.is_empty:
+            raise InputError(f"SSL: layer {index + 1} has no outline, and SSL holds outlines only")
+        out.append(f"Z {_inches(layer.z)} {_inches(layer.height)}")
+        polygon = orient(layer.outline)
+        for ring in (polygon.exterior, *polygon.interiors):
+            points = get_coordinates(ring)[:-1] / MM_PER_INCH + 0.0
+            out += [f"{x:.{_DECIMALS}f} {y:.{_DECIMALS}f}" for x, y in points.tolist()]
+            out.append("C")
+    out += ["END", ""]
+    return "\n".join(out)
+
+
+def _inches(length: float) -> str:
+    return f"{length / MM_PER_INCH:.{_DECIMALS}f}"
+
+
+def read(text: str) -> Build:
+    """The layers of an SSL file, with their outlines and no roads.
+
+    A contour inside another is a hole of it. Raises `InputError`, with the line, for text that is
+    no SSL, a unit other than INCH, an open or crossing contour, a truncated file, or a layer whose
+    contours are not one outline with holes.
+    """
+    lines = [line.strip() for line in text.splitlines()]
+    if not lines or not re.fullmatch(r"slice\s+v0", lines[0], re.IGNORECASE):
+        raise InputError("not SSL: the first line is not 'Slice V0'")
+    name = "part"
+    levels: list[tuple[float, float, int]] = []
+    contours: list[list[LinearRing]] = []
+    points: list[tuple[float, float]] = []
+    for number, line in enumerate(lines[1:], 2):
+        upper = line.upper()
+        if not line or upper.startswith("SLICES"):
+            continue
+        if upper.startswith("FILE("):
+            name = line[5:].rpartition(")")[0] or name
+        elif upper.startswith("UNITS("):
+            if upper != "UNITS(INCH)":
+                raise InputError(f"SSL line {number}: {line!r}; only UNITS(INCH) is known")
+        elif upper == "END":
+            if points:
+                raise InputError(f"SSL line {number}: END inside a contour; C is missing")
+            layers = tuple(
+                Layer(z, dz, (), _outline(rings, at))
+                for (z, dz, at), rings in zip(levels, contours, strict=True)
+            )
+            return Build(layers, name=name)
+        elif upper == "O":
+            raise InputError(f"SSL line {number}: an open curve is no outline")
+        elif upper == "C":
+            contours[-1].append(_ring(points, number)) if contours else _no_layer(number)
+            points = []
+        elif upper.startswith("Z"):
+            if points:
+                raise InputError(f"SSL line {number}: a layer begins inside a contour")
+            levels.append((*_pair(line[1:], number), number))
+            contours.append([])
+        else:
+            points.append(_pair(line, number))
+    raise InputError(f"SSL line {len(lines)}: the file is truncated: END is missing")
+
+
+def _pair(text: str, number: int) -> tuple[float, float]:
+    try:
+        a, b = (float(item) * MM_PER_INCH for item in text.split())
+    except ValueError:
+        a = b = math.nan
+    if not (math.isfinite(a) and math.isfinite(b)):
+        raise InputError(f"SSL line {number}: {text.strip()[:30]!r}; two numbers are needed")
+    return a, b
+
+
+def _ring(points: list[tuple[float, float]], number: int) -> LinearRing:
+    ring = LinearRing(points) if len(points) >= 3 else None
+    if ring is None or not ring.is_valid:
+        raise InputError(f"SSL line {number}: the contour that ends here crosses itself or is flat")
+    return ring
+
+
+def _no_layer(number: int) -> None:
+    raise InputError(f"SSL line {number}: a contour before the first layer (Z)")
+
+
+def _outline(rings: list[LinearRing], number: int) -> Polygon | None:
+    """The one ring that lies in no other, with the rest as its holes."""
+    if not rings:
+        return None
+    areas = [Polygon(ring).area for ring in rings]
+    outer = rings.pop(int(np.argmax(areas)))
+    polygon = Polygon(outer, rings)
+    if not polygon.is_valid:
+        raise InputError(
+            f"SSL line {number}: the contours of this layer are not one outline with holes in it"
+        )
+    return polygon

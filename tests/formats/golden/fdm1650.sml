@@ -1,0 +1,92 @@
+# fdjax version = 1
+# fdjax name = small part
+# fdjax machine = stratasys-fdm1650
+# fdjax layer_height = 0.254
+# fdjax origin = 50.0 60.5
+# fdjax note.target = 0.2 + x/80
+PD;MM;
+FH;
+# fdjax outline = POLYGON ((0.0 0.0, 40.0 0.0, 40.0 30.0, 0.3333333333333333 30.1, 0
+# fdjax outline + .0 0.0), (10.0 10.0, 20.0 10.0, 20.0 20.0, 10.0 20.0, 10.0 10.0))
+# fdjax layer z=0.254 height=0.254
+AZ10;
+SP1;
+SR4000;MA1972,2390;
+# fdjax road family=xi
+>PD0.08,41;MM;MM0,53;MM6,76;MM-70,175;SR800;AC5;
+BC;
+MA2756,2390;
+MA2756,2579;
+EC;
+# fdjax road family=eta
+>PD0.08,41;MM;MM0,53;MM6,66;MM-70,175;SR800;AC5;
+BC;
+MA1972,2579;
+EC;
+CD0;
+PD;MM;
+SP2;
+SR4000;MA2047,2697;
+# fdjax road material=1 closed
+>PD0.08,41;MM;MM0,53;MM6,92;MM-70,175;SR800;AC5;
+BC;
+MA2441,2697;
+MA2441,3091;
+MA2047,3091;
+MA2047,2697;
+EC;
+CD0;
+PD;MM;
+# fdjax outline = POLYGON ((0.25 0.25, 39.75 0.25, 39.75 29.75, 0.6 29.85, 0.25 0.25
+# fdjax outline + ))
+# fdjax layer z=0.508 height=0.254
+AZ20;
+SP1;
+SR4000;MA1969,3169;
+# fdjax road family=xi
+>PD0.08,41;MM;MM0,53;MM6,60;MM80,64;MM160,70;MM239,74;MM317,78;MM396,84;MM476,88;MM556,94;MM635,98;MM716,102;MM796,108;MM875,112;MM953,116;MM1032,122;MM1112,126;MM-70,175;SR800;AC5;
+BC;
+MA2047,3185;
+MA2126,3198;
+MA2205,3206;
+MA2283,3209;
+MA2362,3205;
+MA2441,3196;
+MA2520,3182;
+MA2598,3167;
+MA2677,3152;
+MA2756,3139;
+MA2835,3132;
+MA2913,3130;
+MA2992,3135;
+MA3071,3144;
+MA3150,3158;
+EC;
+CD0;
+PD;MM;
+SP2;
+SR4000;MA2047,2697;
+# fdjax road material=1 closed
+>PD0.08,41;MM;MM0,53;MM6,92;MM-70,175;SR800;AC5;
+BC;
+MA2441,2697;
+MA2441,3091;
+MA2047,3091;
+MA2047,2697;
+EC;
+CD0;
+PD;MM;
+SP1;
+SR4000;MA1972,2390;
+# fdjax road family=xi
+>PD0.08,41;MM;MM0,53;MM6,76;MM-70,175;SR800;AC5;
+BC;
+MA2756,2390;
+MA2756,2579;
+EC;
+CD0;
+PD;MM;
+PD;MM;
+CD0;
+FH;
+# fdjax end
