@@ -1,0 +1,272 @@
+"""From a layer domain and a porosity to controls that give it: the whole of a design."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from fdjax.design.objective import Objective
+from fdjax.design.optimise import Outcome, Progress, optimise
+from fdjax.design.start import Start, begin
+from fdjax.domain.patch import Patch
+from fdjax.errors import InputError
+from fdjax.grid.base import Sides
+from fdjax.grid.solvers import AbstractSolver, Newton
+from fdjax.grid.spacing import DensitySpacing, fit_log_density
+from fdjax.pattern.base import Lines
+from fdjax.pattern.grid_lines import Controls, GridLines
+from fdjax.pattern.width import free_of
+from fdjax.plan.limits import Limits
+from fdjax.precision import require_float64
+from fdjax.road.holes import Holes
+from fdjax.road.porosity import FamilySamples, Samples, equal_edges, whole_lines
+from fdjax.road.stacking import Stacking
+from fdjax.road.window import SoftWindows
+
+CONTROLS = ("spacing", "stretching", "phi", "psi", "width", "width_field")
+"""What a design may move; see `pattern.grid_lines.Controls`."""
+
+_MAP_CONTROLS = {
+    "uniform": (),
+    "stretched": ("stretching",),
+    "two-boundary": ("spacing",),
+    "transfinite": ("spacing",),
+    "elliptic": ("spacing", "phi", "psi"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """A finished design.
+
+    - `pattern` with `controls`: what was found; `outcome`: how the last optimisation went;
+      `steps`, `seconds`: of all of them together.
+    - `made`: whether the map converged and is unfolded.
+    - `broken`: largest share by which each kind of limit is broken, where it is.
+    """
+
+    pattern: GridLines
+    controls: Controls
+    outcome: Outcome
+    steps: int
+    seconds: float
+    made: bool
+    broken: dict[str, float]
+
+    @property
+    def road_width(self) -> tuple[float, float]:
+        """Least and largest road width, mm."""
+        places = jnp.linspace(0, 1, 65)
+        width = self.pattern.realise(self.controls).width(places[:, None], places[None])
+        return float(width.min()), float(width.max())
+
+    def lines(self) -> list[list[Lines]]:
+        """The lines of each layer, from wall to wall, for `fdjax.plan.trace.lay`."""
+        return self.pattern.lines(self.controls)
+
+
+def design(
+    patch: Patch,
+    target: Callable[[Any, Any], Any],
+    *,
+    limits: Limits,
+    layers: int = 10,
+    layer_height: float = 0.2,
+    map: str = "transfinite",
+    mode: str = "alternate-staggered",
+    phases: int = 5,
+    road_width: float | None = 0.4,
+    lines: tuple[int, int] | None = None,
+    controls: tuple[str, ...] = ("spacing",),
+    window: float = 5.0,
+    objective: str = "windows",
+    knots: int | None = None,
+    field_knots: tuple[int, int] = (8, 6),
+    smoothness: float = 1e-4,
+    iterations: int = 60,
+    span_limit: bool = True,
+    nodes: tuple[int, int] = (33, 33),
+    phi: float = 0.0,
+    psi: float = 0.0,
+    p: float = 0.0,
+    q: float = 0.0,
+    alpha: tuple[float, float] = (0.5, 0.5),
+    beta: tuple[float, float] = (1.1, 1.1),
+    solver: AbstractSolver | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Design:
+    """Move the controls of a grid pattern until its roads have the porosity `target(x, y)`.
+
+    - `patch`: the layer domain; `target`: porosity (0 to 1) of JAX arrays x, y in mm; `limits`: of
+      the machine.
+    - `layers`, `layer_height` (mm), `mode`, `phases`: of the stack, see `road.stacking.Stacking`.
+    - `map`: a key of `pattern.grid_lines.MAPS`; `nodes`, `solver`, `phi`, `psi`, `p`, `q`: of the
+      elliptic one; `alpha`, `beta`: of the stretched one.
+    - `road_width`: mm; with "width" or "width_field" among the controls only where to begin, and
+      None then leaves that to the target's mean.
+    - `lines`: of each family on a layer; chosen from the target's mean if None.
+    - `controls`: some of `CONTROLS`; `knots`: spline coefficients of each side's spacing, by
+      default as many as windows of this size can tell apart; `field_knots`: of a field.
+    - `window`: side (mm) of the windows in which `objective` "windows" compares porosity,
+      turn-arounds included; "cells" compares the lines' own cells.
+    - `smoothness`: weight of roughness; `iterations`: most evaluations in all.
+
+    Raises `InputError` for what cannot be designed at all. A result that folds or misses is
+    returned, and says so.
+    """
+    require_float64()
+    _check_controls(map, controls)
+    stacking = Stacking(mode, phases, layers)
+    limits = limits if span_limit else replace(limits, longest_span=np.inf)
+    sides = Sides.of(patch)
+    free_width = "width" in controls or "width_field" in controls
+    start = begin(
+        sides,
+        target,
+        height=layer_height,
+        width=None if free_width and road_width is None else road_width,
+        stacking=stacking,
+        limits=limits,
+        lines=lines,
+        window=window,
+    )
+    first = _first(controls, start, patch, limits, window, knots, field_knots, beta)
+    pattern = GridLines(
+        sides=sides,
+        comb=_comb(start.comb),
+        width=start.width,
+        width_range=limits.road_width,
+        height=layer_height,
+        first=first,
+        samples=_samples(first, start, patch, window),
+        holes=Holes.of(patch.outline, width=start.width, resolution=window / 8),
+        phi=phi,
+        psi=psi,
+        p=p,
+        q=q,
+        beta=beta,
+        alpha=alpha,
+        kind=map,
+        stacking=stacking,
+        nodes=nodes,
+        solver=solver or Newton(),
+    )
+    windows = SoftWindows.over(patch.outline, lambda x, y: 1 - np.asarray(target(x, y)), window)
+    if lines is None:
+        pattern = _refit_comb(pattern, windows)
+    stages = [None, windows] if objective == "windows" and map == "elliptic" else [windows]
+    stages = [None] if objective == "cells" else stages
+    steps, seconds, outcome = 0, 0.0, None
+    for stage in stages:
+        problem = Objective(pattern, stage, target, layer_height, limits, smoothness)
+        budget = iterations - steps if stage is stages[-1] else iterations // 4
+        outcome = optimise(problem, pattern.first, steps=budget, progress=progress)
+        steps, seconds = steps + outcome.steps, seconds + outcome.seconds
+        pattern = eqx.tree_at(lambda p: p.first, pattern, outcome.controls)
+    if lines is None:
+        pattern = _refit_comb(pattern, windows)
+    assert outcome is not None
+    made, broken = _verdict(pattern, outcome.controls, limits)
+    return Design(pattern, outcome.controls, outcome, steps, seconds, bool(made), broken)
+
+
+def _check_controls(map: str, controls: tuple[str, ...]) -> None:
+    for name in controls:
+        if name not in CONTROLS:
+            raise InputError(f'controls: "{name}" is not one of {", ".join(CONTROLS)}')
+        if not name.startswith("width") and name not in _MAP_CONTROLS.get(map, CONTROLS):
+            has = ", ".join((*_MAP_CONTROLS[map], "width", "width_field"))
+            raise InputError(f'controls: map "{map}" has no "{name}"; it has {has}')
+    if "width" in controls and "width_field" in controls:
+        raise InputError("controls: width and width_field exclude each other")
+
+
+def _lengths(patch: Patch) -> tuple[float, float]:
+    """Length of the longer of bottom and top, and of left and right, mm."""
+
+    def length(side: Any) -> float:
+        return float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
+
+    return max(map(length, (patch.bottom, patch.top))), max(map(length, (patch.left, patch.right)))
+
+
+def _first(
+    controls: tuple[str, ...],
+    start: Start,
+    patch: Patch,
+    limits: Limits,
+    window: float,
+    knots: int | None,
+    field_knots: tuple[int, int],
+    beta: tuple[float, float],
+) -> Controls:
+    """The controls to start from; those not asked for are None."""
+    if knots is None:
+        knots = int(np.clip(np.ceil(max(_lengths(patch)) / (0.75 * window)) + 3, 8, 32))
+    along_xi, along_eta = (jnp.asarray(fit_log_density(d, knots)) for d in start.density)
+    width = free_of(start.width, *limits.road_width)
+    widths = {"width": jnp.asarray(width), "width_field": jnp.full(field_knots, width)}
+    wanted = {name: widths[name] for name in controls if name in widths}
+    return Controls(
+        spacing=jnp.stack([along_xi, along_eta] * 2) if "spacing" in controls else None,
+        stretching=jnp.log(jnp.asarray(beta) - 1) if "stretching" in controls else None,
+        phi=jnp.zeros(field_knots) if "phi" in controls else None,
+        psi=jnp.zeros(field_knots) if "psi" in controls else None,
+        width=next(iter(wanted.values()), None),
+    )
+
+
+def _samples(
+    first: Controls, start: Start, patch: Patch, window: float
+) -> tuple[FamilySamples, FamilySamples]:
+    """Samples about a fifth of a window apart, where the design starts."""
+    edges = []
+    for k, length in enumerate(_lengths(patch)):
+        count = int(np.clip(np.ceil(5 * length / window), 16, 160))
+        spacing = (lambda t: t) if first.spacing is None else DensitySpacing.of(first.spacing[k])
+        edges.append(equal_edges(spacing, count))
+    across = [Samples.between(whole_lines(e, n)) for e, n in zip(edges, start.comb, strict=True)]
+    run = [Samples.between(e) for e in edges]
+    return FamilySamples(across[0], run[1]), FamilySamples(across[1], run[0])
+
+
+def _comb(counts: tuple[int, int]) -> tuple[Any, Any]:
+    return jnp.asarray(float(counts[0])), jnp.asarray(float(counts[1]))
+
+
+@eqx.filter_jit
+def _volume(pattern: GridLines) -> Any:
+    return pattern.deposit(pattern.first)[0].volume.sum()
+
+
+def _refit_comb(pattern: GridLines, windows: SoftWindows) -> GridLines:
+    """The pattern with as many lines, of the family that has more, as the mean asks for."""
+    counts = [int(n) for n in pattern.comb]
+    more = int(np.argmax(counts))
+    for _ in range(3):
+        fuller = list(counts)
+        fuller[more] += 1
+        now = float(_volume(eqx.tree_at(lambda p: p.comb, pattern, _comb((counts[0], counts[1])))))
+        more_now = float(_volume(eqx.tree_at(lambda p: p.comb, pattern, _comb((fuller[0], fuller[1])))))
+        change = round((windows.total * pattern.height - now) / (more_now - now))
+        counts[more] = max(1, counts[more] + change)
+        if change == 0:
+            break
+    return eqx.tree_at(lambda p: p.comb, pattern, _comb((counts[0], counts[1])))
+
+
+@eqx.filter_jit
+def _verdict_values(pattern: GridLines, controls: Controls, limits: Limits) -> Any:
+    excess = pattern.penalties(controls, limits)
+    return pattern.realise(controls).made, [part.max() for part in excess], excess._fields
+
+
+def _verdict(
+    pattern: GridLines, controls: Controls, limits: Limits
+) -> tuple[bool, dict[str, float]]:
+    made, largest, names = _verdict_values(pattern, controls, limits)
+    worst = {name: float(value) for name, value in zip(names, largest, strict=True)}
+    return bool(made), {name: value for name, value in worst.items() if value > 0}

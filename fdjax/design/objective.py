@@ -1,0 +1,75 @@
+"""What a design tries to make small, as residuals: porosity error, roughness, broken limits."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from fdjax.pattern.base import AbstractPattern
+from fdjax.plan.limits import Limits
+from fdjax.road.window import SoftWindows
+
+jax.tree_util.register_dataclass(
+    SoftWindows, ["size", "x", "y", "area", "target", "start", "total"], []
+)
+
+MARGIN = 0.01
+"""Share of a limit that design keeps away from it."""
+
+
+class Residuals(NamedTuple):
+    """Residuals in units of porosity; the objective is half the sum of all squares.
+
+    `error` squares and sums to the area-weighted mean square error of porosity.
+    """
+
+    error: Float[Array, " e"]
+    roughness: Float[Array, " r"]
+    penalties: Float[Array, " p"]
+
+
+class Objective(eqx.Module):
+    """The design objective of a pattern over controls.
+
+    - `windows`: soft windows with their targets, or None to compare the pattern's own cells with
+      `target`, a function (x, y) -> porosity of JAX arrays.
+    - `limits`: of the machine; `smoothness`: weight of the roughness of the controls;
+      `barrier`: weight of broken limits, per share of violation.
+    """
+
+    pattern: AbstractPattern
+    windows: Any
+    target: Callable[[Array, Array], Array] = eqx.field(static=True)
+    layer_height: float
+    limits: Limits = eqx.field(static=True)
+    smoothness: float = 1e-3
+    barrier: float = 1.0
+
+    def __call__(self, controls: Any) -> tuple[Residuals, Bool[Array, ""]]:
+        """Residuals at these controls, and whether the pattern could be made there."""
+        deposit, made = self.pattern.deposit(controls)
+        error = self._cell_error(controls) if self.windows is None else self._error(deposit)
+        penalties = self.pattern.penalties(controls, self.limits)
+        broken = [
+            self.barrier * jax.nn.relu(excess + MARGIN) / jnp.sqrt(excess.size)
+            for excess in penalties
+        ]
+        roughness = self.smoothness * self.pattern.roughness(controls)
+        return Residuals(error, roughness, jnp.concatenate(broken)), made
+
+    def _error(self, deposit: Any) -> Float[Array, " e"]:
+        windows = self.windows
+        got = windows.sums(deposit.xy, deposit.volume) / self.layer_height
+        used = windows.area > 0.25 * windows.size**2
+        area = jnp.where(used, windows.area, 1.0)
+        share = jnp.where(used, windows.area, 0.0)
+        difference = got / area - windows.target
+        return (jnp.sqrt(share / share.sum()) * difference).ravel()
+
+    def _cell_error(self, controls: Any) -> Float[Array, " e"]:
+        xy, local, area = self.pattern.cells(controls)
+        weight = jnp.sqrt(jnp.abs(area) / jnp.abs(area).sum())
+        return (weight * (local - self.target(xy[..., 0], xy[..., 1]))).ravel()
