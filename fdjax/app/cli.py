@@ -1,0 +1,178 @@
+"""The command line. Nothing heavy is imported before a command runs: `--help` answers at once."""
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fdjax.errors import DesignError, InputError
+
+BAD_INPUT, FAILED_DESIGN, INTERRUPTED = 2, 3, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code.
+
+    0: done. 2: something given cannot be used (one line on stderr says what). 3: a design folds,
+    does not converge, misses its tolerance or breaks a machine limit. 130: interrupted.
+    """
+    try:
+        arguments = _parser().parse_args(argv)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    try:
+        arguments.command(arguments)
+    except InputError as fault:
+        return _fail(fault, BAD_INPUT)
+    except DesignError as fault:
+        return _fail(fault, FAILED_DESIGN)
+    except KeyboardInterrupt:
+        return _fail("interrupted", INTERRUPTED)
+    return 0
+
+
+def _fail(fault: object, code: int) -> int:
+    print(f"fdjax: error: {fault}", file=sys.stderr)
+    return code
+
+
+def _design(arguments: argparse.Namespace) -> None:
+    from fdjax.app import config
+    from fdjax.app.output import output_folder
+
+    job = config.load(arguments.job)
+    if arguments.force_export:
+        job = replace(job, design=replace(job.design, export_failed=True))
+    with (
+        output_folder(arguments.out, owned=job.outputs) as folder,
+        _Progress(arguments) as progress,
+    ):
+        _prepare_jax()
+        from fdjax.app import run
+
+        summary = run.design(job, folder, progress=progress)
+    if not arguments.quiet:
+        print(summary)
+
+
+def _measure(arguments: argparse.Namespace) -> None:
+    from fdjax.app import measuring
+    from fdjax.units import length
+
+    def optional_length(name: str) -> float | None:
+        value = getattr(arguments, name)
+        return None if value is None else length(value, f"--{name.replace('_', '-')}")
+
+    question = measuring.Question(
+        target=arguments.target,
+        quantity="solid" if arguments.solid else "porosity",
+        unit=arguments.unit,
+        low=arguments.low,
+        high=arguments.high,
+        window=length(arguments.window, "--window"),
+        shifted=arguments.shift,
+        outline=arguments.outline,
+        layer_height=optional_length("layer_height"),
+        filament=optional_length("filament"),
+        machine=arguments.machine,
+    )
+    answer = measuring.answer(arguments.file, question)
+    answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"))
+    if arguments.json is not None:
+        answer.write_json(arguments.json)
+    print(answer.table())
+
+
+def _machines(arguments: argparse.Namespace) -> None:
+    from fdjax.app import machines
+
+    print(machines.description(arguments.name) if arguments.name else machines.listing())
+
+
+class _Progress:
+    """Shows one line of progress on stderr: rewritten in place on a terminal, else line by line."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._quiet = arguments.quiet
+        self._in_place = sys.stderr.isatty()
+
+    def __call__(self, text: str) -> None:
+        if not self._quiet:
+            start, end = ("\r", "\x1b[K") if self._in_place else ("", "\n")
+            print(start + text, end=end, file=sys.stderr, flush=True)
+
+    def __enter__(self) -> "_Progress":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._in_place and not self._quiet:
+            print(file=sys.stderr)
+
+
+def _prepare_jax() -> None:
+    """float64, and compiled code kept between runs (in `JAX_COMPILATION_CACHE_DIR` if set)."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if jax.config.read("jax_compilation_cache_dir") is None:
+        cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+        jax.config.update("jax_compilation_cache_dir", os.path.join(cache, "fdjax", "jax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+
+class _Version(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        from importlib.metadata import version
+
+        print(f"fdjax {version('fdjax')}")
+        parser.exit()
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="fdjax",
+        description="Toolpaths for fused deposition with the porosity you ask for.",
+        epilog="Exit codes: 0 done, 2 bad input, 3 the design failed.",
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    design = commands.add_parser("design", help="design the roads of a job and write its files")
+    design.set_defaults(command=_design)
+    design.add_argument("job", type=Path, metavar="JOB", help="job file, TOML")
+    design.add_argument("--out", type=Path, required=True, metavar="DIR", help="output folder")
+    design.add_argument(
+        "--force-export", action="store_true", help="write machine files even if the design fails"
+    )
+    design.add_argument("--quiet", action="store_true", help="print errors only")
+
+    measure = commands.add_parser(
+        "measure", help="measure the porosity of a machine file against a target"
+    )
+    measure.set_defaults(command=_measure)
+    add = measure.add_argument
+    add("file", type=Path, metavar="FILE", help="G-code or SML file")
+    asked = 'porosity asked: a formula such as "0.9 - 0.4*x/80", a picture or a .npy array'
+    add("--target", required=True, metavar="EXPR|FILE", help=asked)
+    add("--solid", action="store_true", help="the target is the solid share, not the porosity")
+    add("--unit", default="mm", help="length unit of x and y in the formula (default mm)")
+    add("--low", type=float, default=0.0, help="what black, or a value 0, stands for (default 0)")
+    add("--high", type=float, default=1.0, help="what white, or a value 1, stands for (default 1)")
+    add("--window", default="5mm", metavar="LENGTH", help="side of the windows (default 5mm)")
+    add("--shift", action="store_true", help="shift all windows by half a window")
+    add("--outline", metavar="FILE|WKT", help="what the layers fill, where the file does not say")
+    add("--layer-height", metavar="LENGTH", help="instead of what the file says")
+    add("--filament", metavar="LENGTH", help="filament diameter instead of what the file says")
+    add("--machine", metavar="NAME|FILE", help="machine profile instead of what the file says")
+    place = "where the picture goes (default FILE's name with _porosity.png, here)"
+    add("--picture", type=Path, metavar="PNG", help=place)
+    add("--json", type=Path, metavar="FILE", help="write all numbers to this file")
+
+    machines = commands.add_parser("machines", help="list the machine profiles, or show one")
+    machines.set_defaults(command=_machines)
+    machines.add_argument("name", nargs="?", metavar="NAME", help="profile's name or file")
+    return parser

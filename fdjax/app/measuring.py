@@ -1,0 +1,179 @@
+"""What `fdjax measure` does: the porosity that a machine file will have, against a target."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from fdjax.design import target as targets
+from fdjax.domain.contour import contour
+from fdjax.errors import InputError
+from fdjax.formats import read_file
+from fdjax.plan.coverage import coverage
+from fdjax.plan.measure import Comparison, Measurement, compare, measure
+from fdjax.plan.toolpath import Build
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked about a file; None where the file itself says it.
+
+    - `target`: an expression, or a picture's or `.npy` array's file; `quantity`: what it gives,
+      "porosity" or "solid"; `unit`: of x and y in the expression; `low`, `high`: what black and
+      white, or 0 and 1, stand for.
+    - `window`: side of the windows, mm; `shifted`: by half a window in both directions.
+    - `outline`: WKT, or a file that holds WKT or GeoJSON; `layer_height`, `filament`: mm;
+      `machine`: a profile's name or file.
+    """
+
+    target: str
+    quantity: str = "porosity"
+    unit: str = "mm"
+    low: float = 0.0
+    high: float = 1.0
+    window: float = 5.0
+    shifted: bool = False
+    outline: str | None = None
+    layer_height: float | None = None
+    filament: float | None = None
+    machine: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A measured file."""
+
+    path: Path
+    question: Question
+    build: Build
+    measurement: Measurement
+    comparison: Comparison
+    coverage: float
+
+    @property
+    def outline(self) -> shapely.Polygon | shapely.MultiPolygon:
+        """What all layers' outlines cover together."""
+        return _together([polygon for polygon, _ in self.measurement.outlines])
+
+    @property
+    def worst(self) -> tuple[float, float, float]:
+        """Largest error with its sign, and the middle of its window, mm."""
+        error = self.comparison.error
+        i, j = np.unravel_index(np.nanargmax(np.abs(error)), error.shape)
+        x, y = self.measurement.x, self.measurement.y
+        return float(error[i, j]), float(x[i] + x[i + 1]) / 2, float(y[j] + y[j + 1]) / 2
+
+    def facts(self) -> dict[str, Any]:
+        """All that was measured, as plain data for JSON; windows left out are None."""
+        largest, x, y = self.worst
+        layers = self.build.layers
+        return {
+            "file": self.path.name,
+            "target": self.question.target,
+            "quantity": self.question.quantity,
+            "window": self.question.window,
+            "shifted": self.question.shifted,
+            "windows": int(self.measurement.kept.sum()),
+            "mean_asked": self.comparison.mean_asked,
+            "mean_got": self.comparison.mean_got,
+            "rms": self.comparison.rms,
+            "largest": largest,
+            "largest_at": [x, y],
+            "coverage": self.coverage,
+            "volume": self.build.volume,
+            "travel": sum(layer.travel for layer in layers),
+            "layers": len(layers),
+            "roads": sum(len(layer.roads) for layer in layers),
+            "x": self.measurement.x.tolist(),
+            "y": self.measurement.y.tolist(),
+            "asked": _plain(self.comparison.asked),
+            "got": _plain(self.comparison.got),
+        }
+
+    def table(self) -> str:
+        """The measured numbers in a few lines."""
+        fact = self.facts()
+        x, y = fact["largest_at"]
+        where = f"{fact['window']:g} mm windows{', shifted by half' * fact['shifted']}"
+        return "\n".join(
+            [
+                f"{fact['file']}: {fact['layers']} layers, {fact['roads']} roads",
+                f"porosity asked    {fact['mean_asked']:8.4f}  mean of the part",
+                f"porosity got      {fact['mean_got']:8.4f}",
+                f"RMS error         {fact['rms']:8.4f}  in {fact['windows']} {where}",
+                f"largest error     {fact['largest']:+8.4f}  at ({x:.4g}, {y:.4g}) mm",
+                f"coverage          {fact['coverage']:8.4f}  of the outline, seen from above",
+                f"volume            {fact['volume']:8.1f}  mm^3",
+                f"travel            {fact['travel']:8.1f}  mm inside layers",
+            ]
+        )
+
+    def picture(self, path: Path) -> None:
+        """Write the figure of asked, got and difference."""
+        from fdjax.view import figures
+
+        figure = figures.porosity_figure(
+            self.measurement.x,
+            self.measurement.y,
+            self.comparison.asked,
+            self.comparison.got,
+            outline=self.outline,
+            title=self.path.name,
+            weights=self.measurement.area,
+        )
+        figures.save(figure, path)
+
+    def write_json(self, path: Path) -> None:
+        """Write `facts` as JSON."""
+        try:
+            path.write_text(json.dumps(self.facts(), indent=1, allow_nan=False) + "\n")
+        except OSError as fault:
+            raise InputError(f"{path}: cannot be written: {fault.strerror}") from None
+
+
+def answer(path: str | Path, question: Question) -> Answer:
+    """Read a machine file and measure it; the plan it came from plays no part.
+
+    Raises `InputError` for what cannot be read, a file without roads, a target that is not a
+    porosity inside the outline, and a window that is too large.
+    """
+    path = Path(path)
+    outline = None if question.outline is None else contour(question.outline)
+    build = read_file(
+        path,
+        machine=question.machine,
+        filament=question.filament,
+        layer_height=question.layer_height,
+        outline=outline,
+    )
+    if not any(layer.roads for layer in build.layers):
+        raise InputError(f"{path}: holds no roads, so there is no porosity to measure")
+    if any(layer.outline is None for layer in build.layers):
+        raise InputError(f"{path}: does not say what outline it fills; name it with --outline")
+    half = 0.5 if question.shifted else 0.0
+    measurement = measure(build, window=question.window, shift=(half, half))
+    shapes = [polygon for polygon, _ in measurement.outlines]
+    target = targets.read(
+        question.target,
+        extent=_together(shapes).bounds,
+        quantity=question.quantity,
+        unit=question.unit,
+        low=question.low,
+        high=question.high,
+    )
+    for polygon in shapes:
+        target.check(polygon)
+    return Answer(path, question, build, measurement, compare(measurement, target), coverage(build))
+
+
+def _together(shapes: list[shapely.Polygon]) -> shapely.Polygon | shapely.MultiPolygon:
+    union = shapely.union_all(shapes)
+    assert isinstance(union, shapely.Polygon | shapely.MultiPolygon)
+    return union
+
+
+def _plain(values: np.ndarray) -> list[list[float | None]]:
+    return [[None if np.isnan(v) else float(v) for v in row] for row in values]

@@ -1,0 +1,107 @@
+"""Figures: what they show, that they are quick, and that nothing global is touched."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import shapely
+from matplotlib.collections import LineCollection, QuadMesh
+from PIL import Image
+
+from fdjax.errors import InputError
+from fdjax.view import figures
+
+PLATE = shapely.box(0, 0, 40, 20)
+HOLED = PLATE.difference(shapely.Point(12, 10).buffer(5))
+ISLANDS = shapely.MultiPolygon([shapely.box(0, 0, 9, 9), shapely.box(20, 0, 40, 20)])
+EDGES = np.arange(0, 41.0, 5), np.arange(0, 21.0, 5)
+ASKED = np.linspace(0.3, 0.7, 8)[:, None] + np.zeros(4)
+
+
+def meshes(figure):
+    return [c for axes in figure.axes for c in axes.collections
+            if isinstance(c, QuadMesh) and c.get_array().size == ASKED.size]  # fmt: skip
+
+
+@pytest.mark.parametrize("outline", [PLATE, HOLED, ISLANDS], ids=["plate", "holed", "islands"])
+def test_asked_and_got_share_one_scale_and_the_error_is_symmetric(outline):
+    got = ASKED + 0.01
+    got[7, 3] = 0.78
+    figure = figures.porosity_figure(*EDGES, ASKED, got, outline=outline, title="plate")
+    asked_mesh, got_mesh, error_mesh = meshes(figure)
+    assert asked_mesh.norm is got_mesh.norm
+    assert asked_mesh.get_clim() == (0.3, 0.78)
+    assert error_mesh.get_clim() == pytest.approx((-0.08, 0.08))
+    # axis 0 of the arrays is x, which matplotlib wants along columns
+    np.testing.assert_allclose(np.ravel(asked_mesh.get_array()), ASKED.T.ravel())
+    np.testing.assert_allclose(np.ravel(error_mesh.get_array()), (got - ASKED).T.ravel())
+    words = [text.get_text() for text in figure.texts]
+    assert words == ["plate", "RMS error 0.0172, largest +0.0800"]
+
+
+def test_windows_left_out_are_blank_and_weigh_nothing():
+    got, area = ASKED + 0.02, np.ones_like(ASKED)
+    got[0, 0] = np.nan
+    area[0, 0], got[1, 0], area[1, 0] = np.nan, ASKED[1, 0], 0.0
+    figure = figures.porosity_figure(*EDGES, ASKED, got, outline=PLATE, weights=area)
+    for mesh in meshes(figure):
+        assert np.ma.getmaskarray(mesh.get_array()).sum() == 1
+    assert figure.texts[1].get_text() == "RMS error 0.0200, largest +0.0200"
+    with pytest.raises(InputError, match="no window"):
+        figures.porosity_figure(*EDGES, ASKED * np.nan, got, outline=PLATE)
+
+
+def test_an_even_porosity_looks_even():
+    flat = np.full_like(ASKED, 0.65)
+    low, high = meshes(figures.porosity_figure(*EDGES, flat, flat, outline=PLATE))[0].get_clim()
+    assert (low, high) == pytest.approx((0.625, 0.675))
+
+
+@pytest.mark.parametrize(
+    "size", [(80, 80), (10, 300), (300, 10), (1000, 800)], ids=lambda size: f"{size[0]}x{size[1]}"
+)
+def test_figures_of_any_proportion_are_quick_and_keep_everything_inside(tmp_path, size):
+    outline = shapely.box(0, 0, *size)
+    x, y = np.linspace(0, size[0], 41), np.linspace(0, size[1], 41)
+    asked = 0.5 + 0.2 * np.sin(np.arange(1600.0)).reshape(40, 40)
+    lines = [np.stack([np.full(200, c), np.linspace(0, size[1], 200)], 1) for c in x]
+    started = time.perf_counter()
+    figure = figures.porosity_figure(x, y, asked, asked + 1e-3, outline=outline, title="strip")
+    figures.save(figure, tmp_path / "p.png")
+    figures.save(figures.grid_figure(outline, lines, [], title="strip"), tmp_path / "g.png")
+    assert time.perf_counter() - started < 4.0  # each takes a quarter of a second when alone
+    for name in ("p.png", "g.png"):
+        with Image.open(tmp_path / name) as picture:
+            pixels = np.asarray(picture.convert("L"))
+        rim = np.concatenate([pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]])
+        assert (rim > 250).all()
+
+
+def test_grid_figure_draws_both_families_over_the_outline():
+    xi = [[(x, 0.0), (x, 20.0)] for x in range(0, 41, 4)]
+    eta = [np.array([(0.0, y), (20.0, y + 1), (40.0, y)]) for y in (5, 10)]
+    figure = figures.grid_figure(HOLED, xi, eta, title="plate")
+    (axes,) = figure.axes
+    first, second = (c for c in axes.collections if isinstance(c, LineCollection))
+    assert (len(first.get_segments()), len(second.get_segments())) == (11, 2)
+    np.testing.assert_allclose(second.get_segments()[1], eta[1])
+    assert axes.get_xlim() == (0, 40)
+    width, height = axes.get_position().width, axes.get_position().height
+    inches = figure.get_size_inches()
+    assert width * inches[0] / 40 == pytest.approx(height * inches[1] / 20)
+
+
+def test_nothing_global_is_loaded():
+    code = "import sys, fdjax.view.figures; assert 'matplotlib.pyplot' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_pictures_that_cannot_be_written(tmp_path):
+    figure = figures.grid_figure(PLATE, [], [])
+    for name in ("g", "g.docx", "g.txt"):
+        with pytest.raises(InputError, match=r"is written as \.png"):
+            figures.save(figure, tmp_path / name)
+    with pytest.raises(InputError, match="cannot be written"):
+        figures.save(figure, tmp_path / "nowhere" / "g.png")
