@@ -108,18 +108,18 @@ class Pattern:
     )
     mode: str = key(
         choice("alternate", "both", "alternate-staggered", "both-staggered"),
-        "families on alternate layers or both on each; staggered by half a spacing or not",
-        default="alternate",
+        "families on alternate layers or both on each; staggered from layer to layer or not",
+        default="alternate-staggered",
     )
     phases: int = key(
-        whole(1, 100), "layers of a family over which its lines are shifted", default=5
+        whole(2, 100), "staggered: layers of a family over which its lines are shifted", default=5
     )
     road_width: float = key(LENGTH, "road width, or where the design starts", default="0.4mm")
     lines: tuple[int, int] | None = key(
         pair(whole(1, 10000)), "number of xi lines and of eta lines", default=None, shown="chosen"
     )
     nodes: tuple[int, int] = key(
-        pair(whole(5, 1025)), "nodes of the elliptic solver along xi and eta", default=[41, 41]
+        pair(whole(5, 1025)), "nodes of the elliptic solver along xi and eta", default=[33, 33]
     )
     beta: tuple[float, float] = key(
         pair(number(1)),
@@ -172,19 +172,21 @@ class Design:
     """`[design]`: what may move until the target is met."""
 
     controls: tuple[str, ...] = key(
-        choices("spacing", "lines", "stretching", "phi", "psi", "width", "width_field"),
+        choices("spacing", "stretching", "phi", "psi", "width", "width_field"),
         "what the design may change",
-        default=["spacing", "lines"],
+        default=["spacing"],
     )
-    knots: int = key(whole(4, 64), "spline coefficients of each side's spacing", default=8)
+    knots: int | None = key(
+        whole(4, 64), "spline coefficients of each side's spacing", default=None, shown="by window"
+    )
     field_knots: tuple[int, int] = key(
         pair(whole(4, 64)), "spline coefficients of a field along xi and eta", default=[8, 6]
     )
     objective: str = key(
         choice("windows", "cells"), "where the porosity error is summed", default="windows"
     )
-    smoothness: float = key(number(0), "weight of the controls' roughness", default=1e-3)
-    iterations: int = key(whole(0, 10000), "most steps of the optimiser", default=40)
+    smoothness: float = key(number(0), "weight of the controls' roughness", default=1e-4)
+    iterations: int = key(whole(0, 10000), "most steps of the optimiser", default=60)
     span_limit: bool = key(FLAG, "keep to the machine's longest unsupported span", default=True)
     export_failed: bool = key(FLAG, "write machine files even if the design fails", default=False)
 

@@ -102,7 +102,8 @@ def design(
 
     - `patch`: the layer domain; `target`: porosity (0 to 1) of JAX arrays x, y in mm; `limits`: of
       the machine.
-    - `layers`, `layer_height` (mm), `mode`, `phases`: of the stack, see `road.stacking.Stacking`.
+    - `layers`, `layer_height` (mm), `mode`, `phases`: of the stack, see `road.stacking.Stacking`;
+      modes that are not staggered take no phases.
     - `map`: a key of `pattern.grid_lines.MAPS`; `nodes`, `solver`, `phi`, `psi`, `p`, `q`: of the
       elliptic one; `alpha`, `beta`: of the stretched one.
     - `road_width`: mm; with "width" or "width_field" among the controls only where to begin, and
@@ -119,7 +120,7 @@ def design(
     """
     require_float64()
     _check_controls(map, controls)
-    stacking = Stacking(mode, phases, layers)
+    stacking = Stacking(mode, phases if mode.endswith("staggered") else 1, layers)
     limits = limits if span_limit else replace(limits, longest_span=np.inf)
     sides = Sides.of(patch)
     free_width = "width" in controls or "width_field" in controls

@@ -46,6 +46,7 @@ class Outcome(NamedTuple):
 _SOLVER = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
 
 
+@eqx.filter_jit
 def _residuals(controls: Any, objective: Objective) -> tuple[Residuals, Residuals]:
     residuals, made = objective(controls)
     # A trial that could not be made is answered with a large error: its step is not accepted.
@@ -72,7 +73,7 @@ def optimise(
     controls: Any,
     *,
     steps: int = 40,
-    patience: float = 0.01,
+    patience: float = 0.03,
     progress: Callable[[Progress], None] | None = None,
 ) -> Outcome:
     """Minimise the objective from these controls with optimistix's Levenberg-Marquardt.

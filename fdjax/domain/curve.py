@@ -34,7 +34,11 @@ class Curve:
         xp = namespace(s, self.breaks)
         s = xp.asarray(s)
         breaks, coefficients = xp.asarray(self.breaks), xp.asarray(self.coefficients)
-        piece = xp.clip(xp.searchsorted(breaks, s, side="right") - 1, 0, len(self.breaks) - 2)
+        if len(self.breaks) == 2:
+            piece = xp.zeros(s.shape, int)
+        else:
+            piece = xp.searchsorted(breaks, s, side="right") - 1
+            piece = xp.clip(piece, 0, len(self.breaks) - 2)
         t = (s - breaks[piece])[..., None]
         c = coefficients[piece]
         return ((c[..., 3, :] * t + c[..., 2, :]) * t + c[..., 1, :]) * t + c[..., 0, :]

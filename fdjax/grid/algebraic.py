@@ -70,9 +70,9 @@ class Transfinite(AbstractGridMap):
         g = (s_left + s_right)[..., None] / 2
         bottom, top = self.sides.bottom(s_bottom), self.sides.top(s_top)
         left, right = self.sides.left(s_left), self.sides.right(s_right)
-        zero, one = jnp.zeros(()), jnp.ones(())
-        low_left, low_right = self.sides.bottom(zero), self.sides.bottom(one)
-        top_left, top_right = self.sides.top(zero), self.sides.top(one)
+        ends = jnp.array([0.0, 1.0])
+        low_left, low_right = self.sides.bottom(ends)
+        top_left, top_right = self.sides.top(ends)
         along_xi = f * right + (1 - f) * left
         along_eta = g * top + (1 - g) * bottom
         corners = (

@@ -53,6 +53,7 @@ class Tangents(NamedTuple):
         return self.xi[..., 0] * self.eta[..., 1] - self.eta[..., 0] * self.xi[..., 1]
 
 
+@jax.jit
 def tangents(
     grid: AbstractGridMap, xi: Float[Array, "..."], eta: Float[Array, "..."]
 ) -> tuple[Float[Array, "... 2"], Tangents]:

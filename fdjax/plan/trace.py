@@ -33,13 +33,15 @@ def lay(
     *,
     height: float,
     lift_length: float,
+    tolerance: float = 2e-3,
     name: str = "part",
 ) -> Build:
     """The build that lays these families, a list for each layer, from the bed upwards.
 
     Beads stay inside `outline` and out of its holes; lines are joined along the walls where that
-    is shorter than `lift_length` (mm) of lifting. `height` is the layers' height, mm. Layers that
-    repeat the same lines are laid alike.
+    is shorter than `lift_length` (mm) of lifting. `height` is the layers' height, mm. Points within
+    `tolerance` (mm) of a straight road are dropped. Layers that repeat the same lines are laid
+    alike.
     """
     laid: dict[tuple[int, ...], tuple[Road, ...]] = {}
     result = []
@@ -47,7 +49,7 @@ def lay(
         key = tuple(id(family) for family in families)
         if key not in laid:
             laid[key] = tuple(
-                simplify_road(road)
+                simplify_road(road, tolerance=tolerance)
                 for family in families
                 for road in lay_family(
                     family.xy,

@@ -1,0 +1,120 @@
+"""From a job's tables to the things they describe: domain, target, machines."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely import Polygon
+
+from fdjax.app.config import Job, Pattern, TargetSource
+from fdjax.app.part import Circle, Part, Side
+from fdjax.design import target as targets
+from fdjax.design.target import Target
+from fdjax.domain import curve
+from fdjax.domain.contour import circle, contour
+from fdjax.domain.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
+from fdjax.errors import InputError
+from fdjax.formats import profile
+from fdjax.formats.profile import Machine
+from fdjax.plan.limits import Limits
+
+CURVES = {"polyline": curve.polyline, "spline": curve.spline}
+
+
+def patch_of(part: Part) -> Patch:
+    """The layer domain that `[part]` describes."""
+    holes = [_hole(hole) for hole in part.holes]
+    if part.shape == "curves":
+        sides = (part.bottom, part.right, part.top, part.left)
+        return from_curves(*(_side(side) for side in sides if side is not None), holes=holes)
+    if part.shape == "polygon":
+        source: Any = part.points if part.points is not None else part.wkt or part.file
+        # Inline points are in mm already; a file and WKT are in the table's unit.
+        unit = "mm" if part.points is not None else part.unit
+        polygon = contour(contour(source, unit=unit), holes=holes)
+        return from_polygon(polygon, corners=part.corners, smooth=part.smooth)
+    if part.shape == "rectangle" and part.size is not None:
+        return rectangle(*part.size, holes=holes)
+    patch = cosine_top()
+    return Patch(patch.bottom, patch.right, patch.top, patch.left, tuple(h.exterior for h in holes))
+
+
+def _side(side: Side) -> curve.Curve:
+    if side.shape == "arc":
+        return curve.arc(*side.points)
+    return CURVES[side.shape](side.points)
+
+
+def _hole(hole: Any) -> Polygon:
+    return circle(hole.centre, hole.radius) if isinstance(hole, Circle) else Polygon(hole.points)
+
+
+def target_of(source: TargetSource, outline: Polygon) -> Target:
+    """The porosity that `[target]` asks for, checked all over the outline."""
+    if source.image is not None or source.array is not None:
+        load = targets.image if source.image is not None else targets.array
+        target = load(
+            source.image or source.array,
+            extent=outline.bounds,
+            quantity=source.quantity,
+            low=source.low,
+            high=source.high,
+        )
+    else:
+        quantity = "porosity" if source.porosity is not None else "solid"
+        text = source.porosity if source.porosity is not None else source.solid
+        assert text is not None
+        target = targets.expression(text, quantity=quantity, unit=source.unit)
+    target.check(outline)
+    return target
+
+
+def machine_of(job: Job, kind: str) -> Machine:
+    """The machine that files of this kind are written for."""
+    main = profile.load(job.machine)
+    if kind == main.format or kind == "ssl":
+        return main
+    other = profile.load(job.gcode_machine if kind == "gcode" else job.sml_machine)
+    if other.format != kind:
+        raise InputError(f"{kind}_machine: {other.name} takes {other.format}, not {kind}")
+    return other
+
+
+def limits_of(machine: Machine) -> Limits:
+    """The machine's limits, as design and checks take them."""
+    return Limits(
+        road_width=machine.road_width,
+        layer_height=machine.layer_height,
+        least_spacing=machine.least_spacing,
+        longest_span=machine.longest_span,
+        least_road=machine.least_road,
+        bed=machine.bed,
+    )
+
+
+def check_fits(job: Job, outline: Polygon, machine: Machine) -> None:
+    """Raise `InputError` where part, layers or roads are beyond what the machine can do at all."""
+    x0, y0, x1, y1 = outline.bounds
+    sizes = (x1 - x0, y1 - y0, job.part.layers * job.part.layer_height)
+    for size, room, axis in zip(sizes, machine.bed, "xyz", strict=True):
+        if size > room:
+            raise InputError(
+                f"part: {size:g} mm along {axis}, and the bed of {machine.name} has {room:g} mm"
+            )
+    for name, value in (
+        ("road_width", job.pattern.road_width),
+        ("layer_height", job.part.layer_height),
+    ):
+        low, high = getattr(machine, name)
+        if not low <= value <= high:
+            raise InputError(f"{name}: {value:g} mm; {machine.name} lays {low:g} to {high:g} mm")
+
+
+def origin_on(machine: Machine, outline: Polygon) -> tuple[float, float]:
+    """Where the part's (0, 0) goes so that the outline lies in the middle of the bed, mm."""
+    x0, y0, x1, y1 = outline.bounds
+    return (
+        round(machine.bed[0] / 2 - (x0 + x1) / 2, 3),
+        round(machine.bed[1] / 2 - (y0 + y1) / 2, 3),
+    )
