@@ -3,7 +3,9 @@
 Public names are loaded on first use, so that what needs no JAX does not load it.
 """
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import Any
 
 _HOMES = {
@@ -20,13 +22,14 @@ _HOMES = {
     "measure": "plan.measure",
     "compare": "plan.measure",
     "coverage": "plan.coverage",
-    "load_machine": "formats.profile",
+    "load_machine": "formats.profile:load",
     "read_file": "formats",
     "write_file": "formats",
     "FdjaxError": "errors",
     "InputError": "errors",
     "DesignError": "errors",
 }
+"""Module of each public name, and its name there where that is another."""
 
 __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 
@@ -34,6 +37,22 @@ __all__ = list(_HOMES)  # pyright: ignore[reportUnsupportedDunderAll]
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'fdjax' has no attribute {name!r}")
-    value = getattr(import_module(f"fdjax.{_HOMES[name]}"), name)
+    home, _, own = _HOMES[name].partition(":")
+    value = getattr(import_module(f"fdjax.{home}"), own or name)
     globals()[name] = value
     return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})
+
+
+class _Package(ModuleType):
+    """Keeps the room `fdjax.design` from taking the place of the function of that name."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOMES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

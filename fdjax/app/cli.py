@@ -114,10 +114,14 @@ class _Progress:
 
 def _prepare_jax() -> None:
     """float64, and compiled code kept between runs (in `JAX_COMPILATION_CACHE_DIR` if set)."""
+    # The elimination's small blocks gain nothing from BLAS threads, which spin on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import jax
 
     jax.config.update("jax_enable_x64", True)
-    if jax.config.jax_compilation_cache_dir is None:
+    # JAX adds its options to `config` as it runs.
+    known = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    if known is None:
         cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
         jax.config.update("jax_compilation_cache_dir", os.path.join(cache, "fdjax", "jax"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

@@ -23,7 +23,8 @@ from fdjax.plan.check import Finding, check
 from fdjax.plan.coverage import coverage
 from fdjax.plan.measure import Comparison, Measurement, compare, measure
 from fdjax.plan.toolpath import Build
-from fdjax.plan.trace import lay
+from fdjax.plan.trace import lay, trim
+from fdjax.units import MICROSTEP
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,7 @@ def _solve(
     return solve(
         patch,
         target,
-        limits=setting.limits_of(machine),
+        limits=machine.limits,
         layers=job.part.layers,
         layer_height=job.part.layer_height,
         map=pattern.map,
@@ -130,16 +131,22 @@ def _build(
         height=job.part.layer_height,
         lift_length=machine.lift_length,
         tolerance=TOLERANCE[kind],
+        clearance=CLEARANCE[kind],
         name=job.name,
     ).replace(
         origin=setting.origin_on(machine, patch.outline),
         notes={"target": target.text},
     )
+    if {"width", "width_field"} & set(job.design.controls):
+        build = trim(build, result.volume)
     return build if kind == "ssl" else module(f"{job.name}.{kind}").fit(build, machine)
 
 
-TOLERANCE = {"gcode": 2e-3, "sml": 0.0127, "ssl": 2e-3}
+TOLERANCE = {"gcode": 2e-3, "sml": 6e-3, "ssl": 2e-3}
 """How far (mm) a road's corners may be dropped: below what each format resolves."""
+
+CLEARANCE = {"gcode": 3e-3, "sml": 6e-3 + MICROSTEP / 2**0.5, "ssl": 0.0}
+"""What that and rounding to the format's steps may move a road, mm."""
 
 
 def _write(
@@ -154,7 +161,7 @@ def _write(
         path,
         machine,
         read,
-        check(build, setting.limits_of(machine), both_families=job.pattern.mode.startswith("both")),
+        check(build, machine.limits, both_families=job.pattern.mode.startswith("both")),
         measurement,
         compare(measurement, target),
         compare(measure(read, window=window, shift=(0.5, 0.5)), target),
@@ -177,9 +184,7 @@ def _faults(job: Job, result: Design, written: list[Written]) -> list[tuple[Path
     return faults
 
 
-def _pictures(
-    job: Job, folder: Path, patch: Patch, result: Design, written: list[Written]
-) -> None:
+def _pictures(job: Job, folder: Path, patch: Patch, result: Design, written: list[Written]) -> None:
     from fdjax.view import figures
 
     lines = {family.family: family.xy for layer in reversed(result.lines()) for family in layer}
@@ -261,4 +266,6 @@ def _table(job: Job, result: Design, written: list[Written]) -> str:
             f" {sum(len(layer.roads) for layer in build.layers):6d}"
             f" {sum(layer.travel for layer in build.layers):8.1f} {len(each.findings):8d}"
         )
-    return "\n".join([*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows"])
+    return "\n".join(
+        [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows"]
+    )

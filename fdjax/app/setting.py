@@ -1,13 +1,10 @@
 """From a job's tables to the things they describe: domain, target, machines."""
 
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-import shapely
 from shapely import Polygon
 
-from fdjax.app.config import Job, Pattern, TargetSource
+from fdjax.app.config import Job, TargetSource
 from fdjax.app.part import Circle, Part, Side
 from fdjax.design import target as targets
 from fdjax.design.target import Target
@@ -17,7 +14,6 @@ from fdjax.domain.patch import Patch, cosine_top, from_curves, from_polygon, rec
 from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.formats.profile import Machine
-from fdjax.plan.limits import Limits
 
 CURVES = {"polyline": curve.polyline, "spline": curve.spline}
 
@@ -52,10 +48,11 @@ def _hole(hole: Any) -> Polygon:
 
 def target_of(source: TargetSource, outline: Polygon) -> Target:
     """The porosity that `[target]` asks for, checked all over the outline."""
-    if source.image is not None or source.array is not None:
+    path = source.image or source.array
+    if path is not None:
         load = targets.image if source.image is not None else targets.array
         target = load(
-            source.image or source.array,
+            path,
             extent=outline.bounds,
             quantity=source.quantity,
             low=source.low,
@@ -79,18 +76,6 @@ def machine_of(job: Job, kind: str) -> Machine:
     if other.format != kind:
         raise InputError(f"{kind}_machine: {other.name} takes {other.format}, not {kind}")
     return other
-
-
-def limits_of(machine: Machine) -> Limits:
-    """The machine's limits, as design and checks take them."""
-    return Limits(
-        road_width=machine.road_width,
-        layer_height=machine.layer_height,
-        least_spacing=machine.least_spacing,
-        longest_span=machine.longest_span,
-        least_road=machine.least_road,
-        bed=machine.bed,
-    )
 
 
 def check_fits(job: Job, outline: Polygon, machine: Machine) -> None:

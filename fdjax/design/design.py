@@ -46,6 +46,7 @@ class Design:
       `steps`, `seconds`: of all of them together.
     - `made`: whether the map converged and is unfolded.
     - `broken`: largest share by which each kind of limit is broken, where it is.
+    - `volume`: that the target asks for in all layers together, mm^3.
     """
 
     pattern: GridLines
@@ -55,6 +56,7 @@ class Design:
     seconds: float
     made: bool
     broken: dict[str, float]
+    volume: float
 
     @property
     def road_width(self) -> tuple[float, float]:
@@ -110,7 +112,8 @@ def design(
       None then leaves that to the target's mean.
     - `lines`: of each family on a layer; chosen from the target's mean if None.
     - `controls`: some of `CONTROLS`; `knots`: spline coefficients of each side's spacing, by
-      default as many as windows of this size can tell apart; `field_knots`: of a field.
+      default as many as windows of this size, and the solver's nodes, can tell apart;
+      `field_knots`: of a field.
     - `window`: side (mm) of the windows in which `objective` "windows" compares porosity,
       turn-arounds included; "cells" compares the lines' own cells.
     - `smoothness`: weight of roughness; `iterations`: most evaluations in all.
@@ -134,7 +137,8 @@ def design(
         lines=lines,
         window=window,
     )
-    first = _first(controls, start, patch, limits, window, knots, field_knots, beta)
+    elliptic_nodes = nodes if map == "elliptic" else None
+    first = _first(controls, start, patch, limits, window, knots, field_knots, beta, elliptic_nodes)
     pattern = GridLines(
         sides=sides,
         comb=_comb(start.comb),
@@ -155,6 +159,9 @@ def design(
         nodes=nodes,
         solver=solver or Newton(),
     )
+    # No more skewed than the grid that the outline itself gives.
+    skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
+    pattern = eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
     windows = SoftWindows.over(patch.outline, lambda x, y: 1 - np.asarray(target(x, y)), window)
     if lines is None:
         pattern = _refit_comb(pattern, windows)
@@ -171,7 +178,8 @@ def design(
         pattern = _refit_comb(pattern, windows)
     assert outcome is not None
     made, broken = _verdict(pattern, outcome.controls, limits)
-    return Design(pattern, outcome.controls, outcome, steps, seconds, bool(made), broken)
+    volume = windows.total * layer_height * layers
+    return Design(pattern, outcome.controls, outcome, steps, seconds, made, broken, volume)
 
 
 def _check_controls(map: str, controls: tuple[str, ...]) -> None:
@@ -203,10 +211,13 @@ def _first(
     knots: int | None,
     field_knots: tuple[int, int],
     beta: tuple[float, float],
+    nodes: tuple[int, int] | None,
 ) -> Controls:
     """The controls to start from; those not asked for are None."""
     if knots is None:
-        knots = int(np.clip(np.ceil(max(_lengths(patch)) / (0.75 * window)) + 3, 8, 32))
+        # As many as windows can tell apart and, where a solver has to follow, its nodes.
+        knots = int(np.ceil(max(_lengths(patch)) / (0.75 * window))) + 3
+        knots = int(np.clip(knots, 8, 32 if nodes is None else max(8, min(nodes) // 2)))
     along_xi, along_eta = (jnp.asarray(fit_log_density(d, knots)) for d in start.density)
     width = free_of(start.width, *limits.road_width)
     widths = {"width": jnp.asarray(width), "width_field": jnp.full(field_knots, width)}
@@ -239,6 +250,11 @@ def _comb(counts: tuple[int, int]) -> tuple[Any, Any]:
 
 
 @eqx.filter_jit
+def _skew(pattern: GridLines) -> Any:
+    return pattern.skew(pattern.first)
+
+
+@eqx.filter_jit
 def _volume(pattern: GridLines) -> Any:
     return pattern.deposit(pattern.first)[0].volume.sum()
 
@@ -251,7 +267,9 @@ def _refit_comb(pattern: GridLines, windows: SoftWindows) -> GridLines:
         fuller = list(counts)
         fuller[more] += 1
         now = float(_volume(eqx.tree_at(lambda p: p.comb, pattern, _comb((counts[0], counts[1])))))
-        more_now = float(_volume(eqx.tree_at(lambda p: p.comb, pattern, _comb((fuller[0], fuller[1])))))
+        more_now = float(
+            _volume(eqx.tree_at(lambda p: p.comb, pattern, _comb((fuller[0], fuller[1]))))
+        )
         change = round((windows.total * pattern.height - now) / (more_now - now))
         counts[more] = max(1, counts[more] + change)
         if change == 0:

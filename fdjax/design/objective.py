@@ -20,6 +20,10 @@ MARGIN = 0.01
 """Share of a limit that design keeps away from it."""
 
 
+LEAST_WINDOW = 0.45
+"""Share of a window that must be inside the outline; measuring leaves out less than half."""
+
+
 class Residuals(NamedTuple):
     """Residuals in units of porosity; the objective is half the sum of all squares.
 
@@ -63,7 +67,7 @@ class Objective(eqx.Module):
     def _error(self, deposit: Any) -> Float[Array, " e"]:
         windows = self.windows
         got = windows.sums(deposit.xy, deposit.volume) / self.layer_height
-        used = windows.area > 0.25 * windows.size**2
+        used = windows.area > LEAST_WINDOW * windows.size**2
         area = jnp.where(used, windows.area, 1.0)
         share = jnp.where(used, windows.area, 0.0)
         difference = got / area - windows.target

@@ -18,7 +18,7 @@ SCALE = 3e3
 
 
 class Progress(NamedTuple):
-    """One improvement: step number, RMS error of porosity, root of the objective, seconds so far."""
+    """One improvement: step number, RMS error of porosity, root of the objective, seconds."""
 
     step: int
     error: float
@@ -56,13 +56,13 @@ def _residuals(controls: Any, objective: Objective) -> tuple[Residuals, Residual
 
 @eqx.filter_jit
 def _start(controls: Any, objective: Objective) -> Any:
-    struct = eqx.filter_eval_shape(_residuals, controls, objective)
-    return _SOLVER.init(_residuals, controls, objective, {}, *struct, frozenset())
+    residuals, aux = eqx.filter_eval_shape(_residuals, controls, objective)
+    return _SOLVER.init(_residuals, controls, objective, {}, residuals, aux, frozenset())
 
 
 @eqx.filter_jit
 def _step(controls: Any, objective: Objective, state: Any) -> tuple[Any, Any, Any, Any]:
-    controls, state, aux = _SOLVER.step(_residuals, controls, objective, {}, state, frozenset())
+    controls, state, _ = _SOLVER.step(_residuals, controls, objective, {}, state, frozenset())
     done, _ = _SOLVER.terminate(_residuals, controls, objective, {}, state, frozenset())
     sizes = [jnp.sqrt((part**2).sum()) for part in state.aux]
     return controls, state, sizes, done
@@ -78,7 +78,7 @@ def optimise(
 ) -> Outcome:
     """Minimise the objective from these controls with optimistix's Levenberg-Marquardt.
 
-    Stops after `steps` evaluations, when nothing moves any more, or when three steps in a row
+    Stops after `steps` evaluations, when nothing moves any more, or when five steps in a row
     together gain less than `patience` of the objective. `progress` is called after each step that
     was an improvement. Requires float64.
     """
@@ -96,7 +96,7 @@ def optimise(
         if progress and value < min(history, default=np.inf):
             progress(Progress(count, error, value, time.perf_counter() - began))
         history.append(value)
-        stalled = len(history) > 3 and value > (1 - patience) * history[-4]
+        stalled = len(history) > 5 and value > (1 - patience) * history[-6]
         done = bool(done) or stalled
         if done:
             break

@@ -5,8 +5,9 @@ what the eta lines bring to a strip is known from their number alone; what is mi
 must bring there, and the other way round.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,6 +23,7 @@ from fdjax.road.porosity import midpoints
 from fdjax.road.stacking import FAMILIES, Stacking
 
 Floats = NDArray[np.float64]
+T = TypeVar("T")
 
 _STRIPS = 64
 
@@ -94,36 +96,39 @@ def begin(
     _check_reachable(solid, area / height, shares, width, limits, span_limit)
     asked = solid * height / area * jacobian
     strips = _Strips(
-        tuple(
-            (asked.sum(1 - k) - _turnarounds(length[k], jacobian, k, shares[1 - k], window / 2))
-            / jacobian.sum(1 - k)
-            for k in (0, 1)
+        _both(
+            lambda k: (
+                (asked.sum(1 - k) - _turnarounds(length[k], jacobian, k, shares[1 - k], window / 2))
+                / jacobian.sum(1 - k)
+            )
         ),
-        tuple(length[1 - k].sum(1 - k) / jacobian.sum(1 - k) for k in (0, 1)),
-        tuple(float(jacobian.sum() / length[k].sum()) for k in (0, 1)),
+        _both(lambda k: length[1 - k].sum(1 - k) / jacobian.sum(1 - k)),
+        _both(lambda k: float(jacobian.sum() / length[k].sum())),
     )
     least = limits.least_spacing or width
     span = limits.longest_span if span_limit else np.inf
     counts = lines or _counts(strips, shares, least, span)
-    density = tuple(
-        np.clip(
+    density = _both(
+        lambda k: np.clip(
             (strips.demand[k] - shares[1 - k] * counts[1 - k] * strips.crossing[k]) / shares[k],
             max(1 / span, 0.2 * counts[k] / strips.across[k]),
             1 / least,
         )
-        for k in (0, 1)
     )
     places = np.linspace(0, 1, _STRIPS + 1)
     return Start(
-        tuple(max(1, round(n * stacking.phases)) for n in counts),
+        _both(lambda k: max(1, round(counts[k] * stacking.phases))),
         width,
-        tuple(np.interp(places, midpoints(_STRIPS), d) for d in density),
+        _both(lambda k: np.interp(places, midpoints(_STRIPS), density[k])),
     )
 
 
-def _turnarounds(
-    length: Floats, jacobian: Floats, axis: int, share: float, reach: float
-) -> Floats:
+def _both(each: Callable[[int], T]) -> tuple[T, T]:
+    """`each` of the xi family, number 0, and of the eta family, number 1."""
+    return each(0), each(1)
+
+
+def _turnarounds(length: Floats, jacobian: Floats, axis: int, share: float, reach: float) -> Floats:
     """Centre line of the turn-arounds at both ends of the strips, spread over `reach` from there.
 
     Half of each wall is covered on layers that turn there. In the lattice's units, (strips,).
@@ -195,7 +200,7 @@ def _check_reachable(
     for value, what in ((solid.max(), "densest"), (solid.min(), "most open")):
         if not sparsest <= value <= densest:
             raise InputError(
-                f"target: its {what} place asks for porosity {1 - value:.3f}, but roads {width:g} mm "
-                f"wide can give {1 - densest:.3f} to {1 - sparsest:.3f} on this machine; change the "
-                "target, the road width or the layer height"
+                f"target: its {what} place asks for porosity {1 - value:.3f}, but roads {width:g} "
+                f"mm wide can give {1 - densest:.3f} to {1 - sparsest:.3f} on this machine; change "
+                "the target, the road width or the layer height"
             )

@@ -1,7 +1,9 @@
 """Machine files: one module a format, each with a reader and a writer."""
 
+import contextlib
 import importlib
 import inspect
+import os
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -9,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fdjax.errors import InputError
 
 if TYPE_CHECKING:
+    from fdjax.formats.profile import Machine
     from fdjax.plan.toolpath import Build
 
 FORMATS = {
@@ -31,6 +34,32 @@ def module(path: str | Path) -> ModuleType:
     if suffix not in FORMATS:
         raise InputError(f"{path}: unknown kind of file; known are {', '.join(FORMATS)}")
     return importlib.import_module(FORMATS[suffix])
+
+
+def write_file(build: "Build", path: str | Path, machine: "Machine | str | Path") -> None:
+    """Write a build as the machine file that the path's suffix names.
+
+    The roads are those of the format's `fit`. `machine` may also be the name or path of a profile.
+    The file appears whole or not at all: it is written under another name beside `path` and then
+    renamed. Raises `InputError` for a suffix that is not known, a folder that cannot be written,
+    and whatever the format cannot hold.
+    """
+    path = Path(path)
+    writer = module(path).write
+    if isinstance(machine, str | Path):
+        from fdjax.formats import profile
+
+        machine = profile.load(machine)
+    text = writer(build, machine)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        os.replace(temporary, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 def read_file(path: str | Path, **options: Any) -> "Build":

@@ -5,7 +5,7 @@
 import difflib
 import re
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from fdjax.errors import InputError
 from fdjax.formats import strict
 from fdjax.formats.strict import key, table
 from fdjax.formats.template import GCODE_NAMES, SML_NAMES, check
+from fdjax.plan.limits import Limits
 
 _FOLDER = Path(__file__).parent / "profiles"
 
@@ -148,6 +149,11 @@ class Machine:
     unverified: tuple[str, ...] = key(strict.lines(), default=())
     gcode: Gcode | None = key(table(Gcode), default=None)
     sml: Sml | None = key(table(Sml), default=None)
+
+    @property
+    def limits(self) -> Limits:
+        """What it can lay, as design and checks take it."""
+        return Limits(**{each.name: getattr(self, each.name) for each in fields(Limits)})
 
 
 def names() -> list[str]:

@@ -52,6 +52,11 @@ class Tangents(NamedTuple):
         """`J = x_xi y_eta - x_eta y_xi`, mm^2; zero or less where the map folds."""
         return self.xi[..., 0] * self.eta[..., 1] - self.eta[..., 0] * self.xi[..., 1]
 
+    @property
+    def skew(self) -> Float[Array, "..."]:
+        """|cos| of the angle between the lines of constant xi and of constant eta."""
+        return jnp.abs((self.xi * self.eta).sum(-1)) / (norm(self.xi) * norm(self.eta))
+
 
 @jax.jit
 def tangents(

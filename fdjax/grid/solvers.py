@@ -54,7 +54,8 @@ class Newton(AbstractSolver):
 
     A step is halved until it lowers the mean correction and, once the lattice is unfolded, keeps
     it so. Stops when the mean correction is below `tolerance` times that of the starting lattice,
-    or as small as rounding lets it be.
+    or as small as rounding lets it be. From an unfolded start, where controls are so strong that
+    the solution itself is folded, it stops short of it: unfolded and unconverged.
     """
 
     tolerance: float = 1e-10

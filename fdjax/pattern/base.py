@@ -18,11 +18,12 @@ from fdjax.road.porosity import Deposit
 class Penalties(NamedTuple):
     """By how much a pattern leaves what is allowed, as shares; zero or less is within.
 
-    - `fold`: J below its floor; `spacing`: roads of one family too close;
-      `span`: unsupported spans too long; `length`: lines too short.
+    - `fold`: J below its floor; `skew`: lines that meet at too sharp an angle; `spacing`: roads of
+      one family too close; `span`: unsupported spans too long; `length`: lines too short.
     """
 
     fold: Float[Array, " n"]
+    skew: Float[Array, " n"]
     spacing: Float[Array, " n"]
     span: Float[Array, " n"]
     length: Float[Array, " n"]

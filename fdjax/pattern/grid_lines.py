@@ -16,7 +16,7 @@ from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap, Sides, norm, tangents
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import AbstractSolver, Newton
-from fdjax.grid.spacing import RobertsSpacing, DensitySpacing
+from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
 from fdjax.pattern.base import AbstractPattern, Lines, Penalties
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.plan.limits import Limits
@@ -29,7 +29,8 @@ from fdjax.road.stacking import FAMILIES, Scan, Stacking
 class Controls(eqx.Module):
     """The real numbers that shape the lines; None where the pattern's own value stays.
 
-    - `spacing`: log density of lines along bottom, right, top and left, cubic B-splines, shape (4, K).
+    - `spacing`: log density of lines along bottom, right, top and left, cubic B-splines, shape
+      (4, K).
     - `stretching`: log(beta - 1) of eq. (1) along x and y, shape (2,).
     - `phi`, `psi`: control functions of the unit square, cubic B-splines, shape (K, L); they add
       to the pattern's constants.
@@ -63,6 +64,7 @@ class GridLines(AbstractPattern):
     - `first`: the controls to start from.
     - `samples`: where design sums the material of the xi and of the eta family.
     - `holes`: in the domain, or None.
+    - `skew_limit`: largest |cos| of the angle between the families, one or for each place.
     - `kind`: a key of `MAPS`; `nodes`, `solver`: of the elliptic map.
     """
 
@@ -79,6 +81,7 @@ class GridLines(AbstractPattern):
     p: float = 0.0
     q: float = 0.0
     beta: tuple[float, float] = (1.1, 1.1)
+    skew_limit: Float[Array, "n m"] | float = 0.9
     alpha: tuple[float, float] = eqx.field(static=True, default=(0.5, 0.5))
     kind: str = eqx.field(static=True, default="transfinite")
     stacking: Stacking = eqx.field(static=True, default=Stacking())
@@ -132,8 +135,7 @@ class GridLines(AbstractPattern):
 
     def penalties(self, controls: Controls, limits: Limits) -> Penalties:
         grid, width, _ = self.realise(controls)
-        v, u = (family.run for family in self.samples)
-        xi, eta = u.places[::2, None], v.places[None, ::2]
+        xi, eta = self._places()
         _, along = tangents(grid, xi, eta)
         jacobian, along_xi, along_eta = along.jacobian, norm(along.xi), norm(along.eta)
         n_xi, n_eta = self.lines_per_layer
@@ -145,10 +147,22 @@ class GridLines(AbstractPattern):
         lengths = [along_eta.mean(1), along_xi.mean(0)]
         return Penalties(
             fold=(FOLD_FLOOR - jacobian / jacobian.mean()).ravel() / FOLD_FLOOR,
+            skew=(along.skew / self.skew_limit).ravel() - 1,
             spacing=jnp.stack(closeness).ravel() - 1,
             span=jnp.stack(spans).ravel() / limits.longest_span - 1,
             length=limits.least_road / jnp.concatenate(lengths) - 1,
         )
+
+    def skew(self, controls: Controls) -> Float[Array, "n m"]:
+        """|cos| of the angle between the families where `penalties` looks, walls included."""
+        return tangents(self.realise(controls).grid, *self._places())[1].skew
+
+    def _places(self) -> tuple[Array, Array]:
+        ends = jnp.zeros(1), jnp.ones(1)
+        v, u = (
+            jnp.concatenate([ends[0], family.run.places[::2], ends[1]]) for family in self.samples
+        )
+        return u[:, None], v[None]
 
     def roughness(self, controls: Controls) -> Float[Array, " n"]:
         pieces = [jnp.zeros(0)]
@@ -231,9 +245,7 @@ def _stretched(pattern: GridLines, controls: Controls) -> _Map:
 def _two_boundary(pattern: GridLines, controls: Controls) -> _Map:
     spacings = _spacings(controls)
     sides = pattern.sides
-    return TwoBoundary(
-        sides.bottom, sides.top, spacings.bottom, spacings.top, spacings.left
-    ), _MADE
+    return TwoBoundary(sides.bottom, sides.top, spacings.bottom, spacings.top, spacings.left), _MADE
 
 
 def _transfinite(pattern: GridLines, controls: Controls) -> _Map:

@@ -14,8 +14,9 @@ class AbstractWidth(eqx.Module):
     """Road width in mm at (xi, eta), arrays that broadcast."""
 
     @abstractmethod
-    def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "..."]:
-        ...
+    def __call__(
+        self, xi: Float[Array, "..."], eta: Float[Array, "..."]
+    ) -> Float[Array, "..."]: ...
 
 
 class UniformWidth(AbstractWidth):

@@ -21,10 +21,10 @@ _BESIDE = 8.0
 
 
 def lay_family(
-    lines: Sequence[ArrayLike],
+    lines: Sequence[ArrayLike] | Floats,
     outline: Polygon,
     *,
-    width: float | Sequence[ArrayLike],
+    width: float | Sequence[ArrayLike] | Floats,
     lift_length: float,
     parity: int = 0,
     start: ArrayLike | None = None,
@@ -69,7 +69,7 @@ def lay_family(
 
 
 def _checked(
-    lines: Sequence[ArrayLike], width: float | Sequence[ArrayLike]
+    lines: Sequence[ArrayLike] | Floats, width: float | Sequence[ArrayLike] | Floats
 ) -> tuple[list[Floats], list[Floats]]:
     arrays = [np.asarray(line, float) for line in lines]
     if not arrays:

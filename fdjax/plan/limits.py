@@ -1,12 +1,11 @@
-"""What a machine can lay, as plain numbers. Loads NumPy only."""
+"""What a machine can lay, as plain numbers. Loads no array library."""
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from fdjax.errors import InputError
 
-_ANY = (0.0, np.inf)
+_ANY = (0.0, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,9 +25,9 @@ class Limits:
     road_width: tuple[float, float] = _ANY
     layer_height: tuple[float, float] = _ANY
     least_spacing: float | None = None
-    longest_span: float = np.inf
+    longest_span: float = math.inf
     least_road: float = 0.0
-    bed: tuple[float, float, float] = (np.inf, np.inf, np.inf)
+    bed: tuple[float, float, float] = (math.inf, math.inf, math.inf)
 
     def __post_init__(self) -> None:
         for name in ("road_width", "layer_height"):
@@ -41,5 +40,5 @@ class Limits:
             raise InputError(f"longest_span: {self.longest_span:g} mm; it must be positive")
         for name in ("least_road", "least_spacing"):
             value = getattr(self, name)
-            if value is not None and not 0 <= value < np.inf:
+            if value is not None and not 0 <= value < math.inf:
                 raise InputError(f"{name}: {value:g} mm; it must be finite and not negative")

@@ -13,7 +13,7 @@ def section_area(width: Any, height: Any) -> Any:
     kink there. The stadium is the section that slicers for Marlin-kind machines agree on.
     `width` and `height` are positive, in mm, and broadcast against each other.
 
-    >>> round(section_area(0.4, 0.2), 6)
+    >>> round(float(section_area(0.4, 0.2)), 6)
     0.071416
     """
     xp = namespace(width, height)
@@ -24,7 +24,7 @@ def section_area(width: Any, height: Any) -> Any:
 def road_width(area: Any, height: Any) -> Any:
     """Width in mm of the road whose section has this area: the inverse of `section_area`.
 
-    >>> round(road_width(section_area(0.4, 0.2), 0.2), 12)
+    >>> round(float(road_width(section_area(0.4, 0.2), 0.2)), 12)
     0.4
     """
     xp = namespace(area, height)

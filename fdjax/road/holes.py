@@ -38,13 +38,17 @@ class Holes(eqx.Module):
         points = shapely.points(*np.meshgrid(*axes, indexing="ij"))
         inside = shapely.contains(holes, points)
         distance = np.where(
-            inside, -shapely.distance(shapely.boundary(holes), points), shapely.distance(holes, points)
+            inside,
+            -shapely.distance(shapely.boundary(holes), points),
+            shapely.distance(holes, points),
         )
         wall, step = [], []
         for ring in shapely.get_parts(shapely.boundary(shapely.buffer(holes, width / 2))):
             count = max(8, int(np.ceil(ring.length / resolution)))
             at = (np.arange(count) + 0.5) / count
-            wall.append(shapely.get_coordinates(shapely.line_interpolate_point(ring, at, normalized=True)))
+            wall.append(
+                shapely.get_coordinates(shapely.line_interpolate_point(ring, at, normalized=True))
+            )
             step.append(np.full(count, ring.length / count))
         return cls(
             Raster(distance, outline.bounds),

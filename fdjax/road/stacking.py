@@ -66,7 +66,9 @@ class Stacking:
         if self.staggered and self.phases < 2:
             raise InputError(f'phases: {self.phases}; mode "{self.mode}" needs at least 2')
         if not self.staggered and self.phases != 1:
-            raise InputError(f'phases: {self.phases}; mode "{self.mode}" has 1, use a staggered one')
+            raise InputError(
+                f'phases: {self.phases}; mode "{self.mode}" has 1, use a staggered one'
+            )
 
     @property
     def staggered(self) -> bool:

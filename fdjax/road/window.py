@@ -57,7 +57,10 @@ class SoftWindows:
         x, y = _edges(x0, x1, size), _edges(y0, y1, size)
         empty = cls(size, x, y, np.zeros(()), np.zeros(()), np.array([x0, y0]), 0.0)
         points = np.stack([xx.ravel(), yy.ravel()], 1)
-        sums, asked_sums = empty.sums(points, area.ravel()), empty.sums(points, (area * asked).ravel())
+        sums, asked_sums = (
+            empty.sums(points, area.ravel()),
+            empty.sums(points, (area * asked).ravel()),
+        )
         return replace(
             empty,
             area=sums,
@@ -98,7 +101,8 @@ def _edges(start: float, end: float, size: float) -> Floats:
     middle = start + np.arange(max(3, int(np.ceil((end - start) * 2 / size - 1e-6)) + 1)) * size / 2
     low, high = middle - size / 2, middle + size / 2
     slack = 1e-6 * size
-    low, high = np.where(low <= start + slack, -1e9, low), np.where(high >= end - slack, 1e9, high)
+    low = np.select([low <= start + slack, low >= end - slack], [-1e9, 1e9], low)
+    high = np.where(high >= end - slack, 1e9, high)
     return np.stack([low, high], 1)
 
 

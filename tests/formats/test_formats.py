@@ -21,6 +21,36 @@ def test_every_suffix_has_a_writer_and_a_reader(tmp_path, suffix):
     assert [layer.z for layer in build.layers] == pytest.approx([0.254, 0.508])
 
 
+@pytest.mark.parametrize("suffix", formats.FORMATS)
+def test_a_written_file_holds_what_the_format_writes(tmp_path, suffix):
+    path = tmp_path / f"part{suffix}"
+    machine = profile.load(MACHINES.get(suffix, "marlin-0.4"))
+    path.write_text("older")
+    formats.write_file(small_build(), path, machine)
+    assert path.read_text() == formats.module(path).write(small_build(), machine)
+    formats.write_file(small_build(), str(path), machine.name)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    ("name", "machine", "message"),
+    [
+        ("part.stl", "marlin-0.4", "unknown kind of file"),
+        ("part.gcode", "marlin", "no such machine or file"),
+        ("part.sml", "marlin-0.4", "writes no SML"),
+        ("folder.ssl", "marlin-0.4", "folder.ssl: cannot be written"),
+        ("missing/part.ssl", "marlin-0.4", "part.ssl: cannot be written"),
+        ("file/part.ssl", "marlin-0.4", "part.ssl: cannot be written"),
+    ],
+)
+def test_what_cannot_be_written_leaves_nothing(tmp_path, name, machine, message):
+    (tmp_path / "folder.ssl").mkdir()
+    (tmp_path / "file").write_text("a file")
+    with pytest.raises(InputError, match=message):
+        formats.write_file(small_build(), tmp_path / name, machine)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "folder.ssl"]
+
+
 def test_options_reach_the_reader(tmp_path):
     path = tmp_path / "part.gcode"
     path.write_text("G1 Z0.2\nG1 X10 E1\n")

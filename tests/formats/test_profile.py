@@ -35,6 +35,13 @@ def test_lengths_are_millimetres():
     assert machine.least_spacing is None
 
 
+@pytest.mark.parametrize("name", profile.names())
+def test_limits_are_the_machines_own(name):
+    machine = profile.load(name)
+    for field in dataclasses.fields(machine.limits):
+        assert getattr(machine.limits, field.name) == getattr(machine, field.name)
+
+
 def test_flow_codes_hold_the_whole_legal_range():
     machine = profile.load("stratasys-fdm1650")
     for width in machine.road_width:

@@ -1,0 +1,34 @@
+"""The example jobs: each can be set up, and each designs to the end."""
+
+from pathlib import Path
+
+import pytest
+
+from fdjax.app import config, setting
+from fdjax.app.cli import main
+
+ROOT = Path(__file__).parents[2]
+JOBS = sorted((ROOT / "examples").glob("*.toml"))
+
+
+@pytest.mark.parametrize("path", JOBS, ids=lambda path: path.stem)
+def test_job_can_be_set_up(path):
+    job = config.load(path)
+    patch = setting.patch_of(job.part)
+    target = setting.target_of(job.target, patch.outline)
+    centre = patch.outline.representative_point()
+    assert 0 <= float(target(centre.x, centre.y)) <= 1
+    for kind in job.files:
+        machine = setting.machine_of(job, kind)
+        assert kind in (machine.format, "ssl")
+    setting.check_fits(job, patch.outline, setting.machine_of(job, "ssl"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", JOBS, ids=lambda path: path.stem)
+def test_job_designs_to_the_end(path, tmp_path):
+    out = tmp_path / "out"
+    assert main(["design", str(path), "--out", str(out), "--quiet"]) == 0
+    job = config.load(path)
+    asked = {f"{job.name}.{kind}" for kind in job.files}
+    assert asked | {"report.json", "grid.png", "porosity.png"} <= {p.name for p in out.iterdir()}
