@@ -18,6 +18,7 @@ _HOMES = {
     "expression": "design.target",
     "design": "design.design",
     "lay": "plan.trace",
+    "trim": "plan.trace",
     "check": "plan.check",
     "measure": "plan.measure",
     "compare": "plan.measure",

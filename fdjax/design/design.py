@@ -1,7 +1,8 @@
 """From a layer domain and a porosity to controls that give it: the whole of a design."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from fdjax.domain.patch import Patch
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides
 from fdjax.grid.solvers import AbstractSolver, Newton
-from fdjax.grid.spacing import DensitySpacing, fit_log_density
+from fdjax.grid.spacing import fit_log_density
 from fdjax.pattern.base import Lines
 from fdjax.pattern.grid_lines import Controls, GridLines
 from fdjax.pattern.width import free_of
@@ -64,6 +65,16 @@ class Design:
         places = jnp.linspace(0, 1, 65)
         width = self.pattern.realise(self.controls).width(places[:, None], places[None])
         return float(width.min()), float(width.max())
+
+    def recounted(self, laid: float) -> "Design":
+        """The design with as many lines as bring a plan that held `laid` mm^3 nearest to `volume`.
+
+        Walls, corners and holes make a plan differ from its model by some tenths of a per cent.
+        """
+        layers = self.pattern.stacking.layers
+        share = laid / (float(_volume(self.pattern)) * layers)
+        pattern = _refit_comb(self.pattern, self.volume / layers, share)
+        return self if pattern is self.pattern else replace(self, pattern=pattern)
 
     def lines(self) -> list[list[Lines]]:
         """The lines of each layer, from wall to wall, for `fdjax.plan.trace.lay`."""
@@ -163,8 +174,9 @@ def design(
     skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
     pattern = eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
     windows = SoftWindows.over(patch.outline, lambda x, y: 1 - np.asarray(target(x, y)), window)
+    layer_volume = windows.total * layer_height
     if lines is None:
-        pattern = _refit_comb(pattern, windows)
+        pattern = _refit_comb(pattern, layer_volume)
     stages = [None, windows] if objective == "windows" and map == "elliptic" else [windows]
     stages = [None] if objective == "cells" else stages
     steps, seconds, outcome = 0, 0.0, None
@@ -175,10 +187,10 @@ def design(
         steps, seconds = steps + outcome.steps, seconds + outcome.seconds
         pattern = eqx.tree_at(lambda p: p.first, pattern, outcome.controls)
     if lines is None:
-        pattern = _refit_comb(pattern, windows)
+        pattern = _refit_comb(pattern, layer_volume)
     assert outcome is not None
     made, broken = _verdict(pattern, outcome.controls, limits)
-    volume = windows.total * layer_height * layers
+    volume = layer_volume * layers
     return Design(pattern, outcome.controls, outcome, steps, seconds, made, broken, volume)
 
 
@@ -236,16 +248,22 @@ def _samples(
 ) -> tuple[FamilySamples, FamilySamples]:
     """Samples about a fifth of a window apart, where the design starts."""
     edges = []
-    for k, length in enumerate(_lengths(patch)):
+    for length, density in zip(_lengths(patch), start.density, strict=True):
         count = int(np.clip(np.ceil(5 * length / window), 16, 160))
-        spacing = (lambda t: t) if first.spacing is None else DensitySpacing.of(first.spacing[k])
-        edges.append(equal_edges(spacing, count))
+        lines = np.cumsum(density) - (density + density[0]) / 2
+        share = lines / lines[-1] if first.spacing is not None else np.linspace(0, 1, len(lines))
+        edges.append(equal_edges(partial(_place, share), count))
     across = [Samples.between(whole_lines(e, n)) for e, n in zip(edges, start.comb, strict=True)]
     run = [Samples.between(e) for e in edges]
     return FamilySamples(across[0], run[1]), FamilySamples(across[1], run[0])
 
 
-def _comb(counts: tuple[int, int]) -> tuple[Any, Any]:
+def _place(share: Any, t: Any) -> Any:
+    """Where along a side the share t of all lines is reached, given it at equal steps."""
+    return np.interp(t, share, np.linspace(0, 1, len(share)))
+
+
+def _comb(counts: Sequence[int]) -> tuple[Any, Any]:
     return jnp.asarray(float(counts[0])), jnp.asarray(float(counts[1]))
 
 
@@ -259,22 +277,28 @@ def _volume(pattern: GridLines) -> Any:
     return pattern.deposit(pattern.first)[0].volume.sum()
 
 
-def _refit_comb(pattern: GridLines, windows: SoftWindows) -> GridLines:
-    """The pattern with as many lines, of the family that has more, as the mean asks for."""
+def _refit_comb(pattern: GridLines, volume: float, laid: float = 1.0) -> GridLines:
+    """The pattern with as many lines, of the family that has more, as the mean asks for.
+
+    `volume` is what the mean layer shall hold, mm^3; `laid` is the share of the model's volume
+    that a plan was seen to have.
+    """
     counts = [int(n) for n in pattern.comb]
     more = int(np.argmax(counts))
+
+    def model(extra: int) -> float:
+        trial = [n + extra * (k == more) for k, n in enumerate(counts)]
+        return laid * float(_volume(eqx.tree_at(lambda p: p.comb, pattern, _comb(trial))))
+
+    began, now = list(counts), model(0)
+    # A second look, since turn-arounds change with the count; the third is for rounding.
     for _ in range(3):
-        fuller = list(counts)
-        fuller[more] += 1
-        now = float(_volume(eqx.tree_at(lambda p: p.comb, pattern, _comb((counts[0], counts[1])))))
-        more_now = float(
-            _volume(eqx.tree_at(lambda p: p.comb, pattern, _comb((fuller[0], fuller[1]))))
-        )
-        change = round((windows.total * pattern.height - now) / (more_now - now))
-        counts[more] = max(1, counts[more] + change)
+        change = round((volume - now) / (model(1) - now))
         if change == 0:
             break
-    return eqx.tree_at(lambda p: p.comb, pattern, _comb((counts[0], counts[1])))
+        counts[more] = max(1, counts[more] + change)
+        now = model(0)
+    return pattern if counts == began else eqx.tree_at(lambda p: p.comb, pattern, _comb(counts))
 
 
 @eqx.filter_jit

@@ -147,19 +147,19 @@ def _counts(
 ) -> tuple[float, float]:
     """Lines a layer of each family: the mean demand, cells near square, room for both families."""
     mean = [float(d.mean()) for d in strips.demand]
-    square = [strips.across[k] * mean[k] / sum(shares) for k in (0, 1)]
+    square = [max(strips.across[k] * mean[k] / sum(shares), 1.0) for k in (0, 1)]
     best, choice = np.inf, (square[0], square[1])
     for tilt in np.linspace(-1.5, 1.5, 121):
         # Moves lines from one family to the other at constant mean density.
         eta = square[1] * np.exp(tilt)
         xi = (mean[0] - shares[1] * eta / strips.across[1]) * strips.across[0] / shares[0]
-        if xi <= 0:
+        if xi < 1:
             continue
         cost = 0.02 * tilt**2
         for k, other in ((0, eta), (1, xi)):
             own = (strips.demand[k] - shares[1 - k] * other * strips.crossing[k]) / shares[k]
             # Room at both ends: these are means of strips, and the design needs some play.
-            floor = max(1.2 / span, 0.15 * own.mean())
+            floor = max(1.2 / span, 0.15 * own.mean(), 1 / strips.across[k])
             cost += max(1 - own.min() / floor, 0) ** 2 + 4 * max(own.max() * least - 0.97, 0) ** 2
         if cost < best:
             best, choice = cost, (float(xi), float(eta))

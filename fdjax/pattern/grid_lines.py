@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 from fdjax.errors import InputError
 from fdjax.grid import bspline
 from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
-from fdjax.grid.base import AbstractGridMap, Sides, norm, tangents
+from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
@@ -136,18 +136,20 @@ class GridLines(AbstractPattern):
     def penalties(self, controls: Controls, limits: Limits) -> Penalties:
         grid, width, _ = self.realise(controls)
         xi, eta = self._places()
-        _, along = tangents(grid, xi, eta)
+        _, walled = tangents(grid, xi, eta)
+        # Walls count for the shape of the map; no line lies on them.
+        along = Tangents(*(tangent[1:-1, 1:-1] for tangent in walled))
         jacobian, along_xi, along_eta = along.jacobian, norm(along.xi), norm(along.eta)
         n_xi, n_eta = self.lines_per_layer
-        least = limits.least_spacing or width(xi, eta)
+        least = limits.least_spacing or width(xi, eta)[1:-1, 1:-1]
         # Beyond a fold spacing means nothing, and a division by J would blow up.
         positive = jnp.maximum(jacobian, 1e-3 * jnp.abs(jacobian).mean())
         closeness = [least * n_xi * along_eta / positive, least * n_eta * along_xi / positive]
         spans = [along_eta / n_eta, along_xi / n_xi]
         lengths = [along_eta.mean(1), along_xi.mean(0)]
         return Penalties(
-            fold=(FOLD_FLOOR - jacobian / jacobian.mean()).ravel() / FOLD_FLOOR,
-            skew=(along.skew / self.skew_limit).ravel() - 1,
+            fold=(FOLD_FLOOR - walled.jacobian / jacobian.mean()).ravel() / FOLD_FLOOR,
+            skew=(walled.skew / self.skew_limit).ravel() - 1,
             spacing=jnp.stack(closeness).ravel() - 1,
             span=jnp.stack(spans).ravel() / limits.longest_span - 1,
             length=limits.least_road / jnp.concatenate(lengths) - 1,

@@ -43,10 +43,11 @@ def lay(
     """The build that lays these families, a list for each layer, from the bed upwards.
 
     Beads stay inside `outline` and out of its holes; lines are joined along the walls where that
-    is shorter than `lift_length` (mm) of lifting. `height` is the layers' height, mm. Points within
-    `tolerance` (mm) of a straight road are dropped. Beads keep `clearance` (mm) more from all walls,
-    for what dropping points and rounding to the machine's steps may take away again. Layers that repeat the same lines are laid
-    alike.
+    is shorter than `lift_length` (mm) of lifting. `height` is the layers' height, mm. Points
+    within `tolerance` (mm) of a straight road are dropped. Beads keep `clearance` (mm) more from
+    all walls, for what dropping points and rounding to the machine's steps may take away again.
+    Layers that repeat the same lines are laid alike. Raises `InputError` for an outline that is
+    too narrow for the clearance.
     """
     room = outline.buffer(-clearance, join_style="mitre") if clearance > 0 else outline
     if not isinstance(room, Polygon) or room.is_empty:

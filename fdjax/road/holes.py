@@ -1,4 +1,4 @@
-"""What holes do to a deposit: lines end at their walls, and half of each wall is covered."""
+"""What holes do to a deposit: lines end at their walls, and part of each wall is covered."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -65,11 +65,13 @@ class Holes(eqx.Module):
         layers: float,
     ) -> Deposit:
         """The deposit without what lies within half a `width` of a hole, with the joins along
-        the walls: on every second gap, so half of the wall, on a share `layers` of layers.
+        the walls: on every second gap between lines that the wall cuts, on a share `layers` of
+        layers. That is half of a wall square to the lines and nothing of one beside them; 1 / pi
+        is the mean over all directions.
         """
         distance = self.distance(deposit.xy[:, 0], deposit.xy[:, 1])
         kept = jnp.clip((distance - width / 2) / self.fade + 0.5, 0.0, 1.0)
-        joins = section_area(width, height) * layers / 2 * self.step
+        joins = section_area(width, height) * layers / jnp.pi * self.step
         return Deposit(
             jnp.concatenate([deposit.xy, self.wall]),
             jnp.concatenate([deposit.volume * kept, joins]),

@@ -28,7 +28,7 @@ map = "transfinite"
 road_width = "0.014in"
 lines = [110, 35]
 [design]
-controls = ["spacing", "lines"]
+controls = ["spacing", "width"]
 """
 
 
@@ -53,7 +53,7 @@ def test_a_job_becomes_frozen_data_in_mm(tmp_path):
     assert job.target.solid == "0.1 + 0.4*x/80"
     assert job.pattern.road_width == pytest.approx(0.3556)
     assert job.pattern.lines == (110, 35)
-    assert job.pattern.mode == "alternate"
+    assert job.pattern.mode == "alternate-staggered"
     assert job.outputs[0] == "graded_plate.gcode"
     with pytest.raises(dataclasses.FrozenInstanceError):
         job.name = "other"  # type: ignore[misc]
@@ -149,9 +149,9 @@ def test_phi_of_the_paper_and_of_the_unit_square():
         ('"transfinite"', '"transfinit"', 'map: "transfinit" is not one of uniform, '),
         ('"transfinite"', '"transfinit"', '(did you mean "transfinite"?)'),
         ('"transfinite"', "3", "[pattern] map: 3 is not one of uniform, "),
-        ('["spacing", "lines"]', '["spacing", "line"]', 'controls: "line" is not one of'),
-        ('["spacing", "lines"]', '["lines", "lines"]', 'controls: "lines" is given twice'),
-        ('["spacing", "lines"]', "[]", "[design] controls: is empty"),
+        ('["spacing", "width"]', '["spacing", "wide"]', 'controls: "wide" is not one of'),
+        ('["spacing", "width"]', '["width", "width"]', 'controls: "width" is given twice'),
+        ('["spacing", "width"]', "[]", "[design] controls: is empty"),
         ('"graded_plate"', '"../plate"', 'name: "../plate" cannot name files'),
         ('"graded_plate"', '""', 'name: "" cannot name files'),
         ('"graded_plate"', "2020-01-01", "name: 2020-01-01 cannot name files"),

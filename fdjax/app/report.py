@@ -1,0 +1,117 @@
+"""What came out of a job: the files as they were read back, what is wrong, report and table."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fdjax.app.config import Job
+from fdjax.design.design import Design
+from fdjax.formats.profile import Machine
+from fdjax.plan.check import Finding
+from fdjax.plan.measure import Comparison, Measurement
+from fdjax.plan.toolpath import Build
+
+
+@dataclass(frozen=True, eq=False)
+class Written:
+    """One machine file as it was read back: `measurement` and `comparison` are of the file,
+    `shifted` of the same in windows shifted by half; `planned` is the plan's volume, mm^3.
+    """
+
+    path: Path
+    machine: Machine
+    build: Build
+    planned: float
+    findings: tuple[Finding, ...]
+    measurement: Measurement
+    comparison: Comparison
+    shifted: Comparison
+    coverage: float
+
+    @property
+    def errors(self) -> list[Finding]:
+        return [finding for finding in self.findings if finding.severity == "error"]
+
+
+def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Path | None, str]]:
+    """What is wrong, in one phrase each, with the file it concerns or None for the design."""
+    faults: list[tuple[Path | None, str]] = []
+    if not result.made:
+        faults.append((None, "the grid folds or its solve did not converge"))
+    for each in written:
+        rms = each.comparison.rms
+        if not rms <= job.target.tolerance:
+            what = f"{each.path.name} misses its target: RMS {rms:.4f} in {job.target.window:g} mm"
+            faults.append((each.path, f"{what} windows, {job.target.tolerance:g} is allowed"))
+        for finding in each.errors:
+            faults.append((each.path, f"{each.path.name}: {finding}"))
+    return faults
+
+
+def report_of(
+    job: Job, result: Design, written: list[Written], faults: list[tuple[Path | None, str]]
+) -> dict[str, Any]:
+    xi, eta = (int(np.asarray(n)) for n in result.pattern.comb)
+    phases = result.pattern.stacking.phases
+    return {
+        "name": job.name,
+        "ok": not faults,
+        "faults": [what for _, what in faults],
+        "design": {
+            "made": result.made,
+            "converged": result.outcome.converged,
+            "steps": result.steps,
+            "seconds": round(result.seconds, 3),
+            "model_rms": result.outcome.error,
+            "limits_broken": result.broken,
+            "lines_per_layer": {"xi": xi / phases, "eta": eta / phases},
+            "phases": phases,
+            "road_width": list(result.road_width),
+        },
+        "files": {each.path.name: _facts(each) for each in written},
+    }
+
+
+def _facts(each: Written) -> dict[str, Any]:
+    comparison, build = each.comparison, each.build
+    return {
+        "machine": each.machine.name,
+        "unverified": list(each.machine.unverified),
+        "window": float(each.measurement.x[1] - each.measurement.x[0]),
+        "mean_asked": comparison.mean_asked,
+        "mean_got": comparison.mean_got,
+        "rms": comparison.rms,
+        "largest": comparison.largest,
+        "rms_windows_shifted_by_half": each.shifted.rms,
+        "coverage": each.coverage,
+        "volume": build.volume,
+        "volume_planned": each.planned,
+        "layers": len(build.layers),
+        "roads": sum(len(layer.roads) for layer in build.layers),
+        "travel": sum(layer.travel for layer in build.layers),
+        "findings": [
+            {"severity": f.severity, "kind": f.kind, "count": f.count, "message": str(f)}
+            for f in each.findings
+        ],
+    }
+
+
+def table_of(job: Job, result: Design, written: list[Written]) -> str:
+    rows = [
+        f"{job.name}: {result.steps} steps, {result.seconds:.1f} s",
+        f"{'file':28} {'asked':>8} {'got':>8} {'RMS':>8} {'largest':>8} {'shifted':>8}"
+        f" {'roads':>6} {'travel':>8} {'warnings':>8}",
+    ]
+    for each in written:
+        c, build = each.comparison, each.build
+        rows.append(
+            f"{each.path.name:28} {c.mean_asked:8.4f} {c.mean_got:8.4f} {c.rms:8.4f}"
+            f" {c.largest:8.4f} {each.shifted.rms:8.4f}"
+            f" {sum(len(layer.roads) for layer in build.layers):6d}"
+            f" {sum(layer.travel for layer in build.layers):8.1f} {len(each.findings):8d}"
+        )
+    return "\n".join(
+        [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows"]
+    )

@@ -1,0 +1,98 @@
+"""The optimiser on problems small enough to know the answer of."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+
+from fdjax.design.objective import Residuals
+from fdjax.design.optimise import optimise
+from fdjax.errors import InputError
+
+
+class Line(eqx.Module):
+    """Least squares of a line through points, with a barrier that keeps the slope low."""
+
+    x: Array
+    y: Array
+    highest: float = 1e9
+
+    def __call__(self, controls):
+        error = (controls[0] + controls[1] * self.x - self.y) / jnp.sqrt(self.x.size)
+        barrier = jax.nn.relu(controls[1:] - self.highest)
+        return Residuals(error, 0.0 * controls, barrier), jnp.asarray(True)
+
+
+class Valley(eqx.Module):
+    """Rosenbrock's valley, which cannot be made where the first control is beyond a wall."""
+
+    wall: float
+
+    def __call__(self, controls):
+        a, b = controls
+        error = jnp.stack([1 - a, 10 * (b - a**2)]) / 10
+        return Residuals(error, jnp.zeros(1), jnp.zeros(1)), a < self.wall
+
+
+X = jnp.linspace(-1, 1, 9)
+Y = 0.4 + 1.5 * X + 0.1 * jnp.cos(9 * X)
+
+
+def test_least_squares_are_found_and_the_error_is_their_rms():
+    found = optimise(Line(X, Y), jnp.zeros(2))
+    expected, rest, *_ = np.linalg.lstsq(np.stack([np.ones(9), X], 1), Y, rcond=None)
+    np.testing.assert_allclose(found.controls, expected, atol=1e-4)
+    assert found.error == pytest.approx(np.sqrt(rest[0] / 9), rel=1e-6)
+    assert found.penalty == 0
+    assert found.converged
+    assert found.steps < 30
+
+
+def test_a_limit_in_the_way_shows_as_a_penalty():
+    found = optimise(Line(X, Y, highest=1.0), jnp.zeros(2))
+    assert 1.0 < found.controls[1] < 1.4
+    assert found.penalty == pytest.approx(float(found.controls[1]) - 1, rel=1e-6)
+
+
+def test_progress_tells_of_improvements_alone():
+    seen = []
+    found = optimise(Valley(9.0), jnp.array([-0.5, 0.8]), steps=60, progress=seen.append)
+    np.testing.assert_allclose(found.controls, [1, 1], atol=2e-3)
+    assert [each.step for each in seen] == sorted({each.step for each in seen})
+    assert (np.diff([each.objective for each in seen]) < 0).all()
+    assert (np.diff([each.seconds for each in seen]) >= 0).all()
+    assert seen[-1].error == pytest.approx(found.error)
+
+
+def test_a_trial_that_cannot_be_made_is_not_taken():
+    found = optimise(Valley(0.5), jnp.array([-0.5, 0.8]), steps=60)
+    assert float(found.controls[0]) < 0.5
+    started = Valley(9.0)(jnp.array([-0.5, 0.8]))[0].error
+    assert found.error < 0.5 * float(jnp.sqrt((started**2).sum()))
+
+
+def test_it_stops_when_told():
+    found = optimise(Valley(9.0), jnp.array([-0.5, 0.8]), steps=3)
+    assert found.steps == 3
+    assert not found.converged
+
+
+def test_without_a_step_the_start_is_judged():
+    controls = jnp.array([-0.5, 0.8])
+    found = optimise(Valley(9.0), controls, steps=0)
+    assert (found.steps, found.converged) == (0, False)
+    np.testing.assert_array_equal(found.controls, controls)
+    assert found.error == pytest.approx(np.hypot(1.5, 10 * (0.8 - 0.25)) / 10)
+
+
+def test_patience_ends_what_gains_nothing_any_more():
+    hurried = optimise(Valley(9.0), jnp.array([-0.5, 0.8]), steps=60, patience=0.9)
+    assert hurried.converged
+    assert hurried.steps < 20
+
+
+def test_float64_is_asked_for(monkeypatch):
+    with jax.enable_x64(False), pytest.raises(InputError, match="float64"):
+        optimise(Line(X, Y), jnp.zeros(2))
