@@ -45,13 +45,15 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     result = _solve(job, patch, target, main, show)
     progress("planning roads")
     lines = result.lines()
+    plans = {main: _plan(job, lines, patch, main)}
     if job.pattern.lines is None:
-        recounted = result.recounted(_plan(job, lines, patch, main).volume)
+        recounted = result.recounted(plans[main].volume)
         if recounted is not result:
-            result, lines = recounted, recounted.lines()
+            result, lines, plans = recounted, recounted.lines(), {}
     written = []
-    plans = {machine: _plan(job, lines, patch, machine) for machine in set(machines.values())}
     for kind, machine in machines.items():
+        if machine not in plans:
+            plans[machine] = _plan(job, lines, patch, machine)
         plan = plans[machine].replace(
             origin=setting.origin_on(machine, patch.outline), notes={"target": target.text}
         )
@@ -68,10 +70,11 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")
     if faults:
         if not job.design.export_failed:
-            whole = any(path is None for path, _ in faults)
-            for path in {each.path for each in written} if whole else {path for path, _ in faults}:
-                if path is not None:
-                    path.unlink(missing_ok=True)
+            at_fault = {path for path, _ in faults}
+            if None in at_fault or at_fault == {each.path for each in written}:
+                at_fault = {folder / f"{job.name}.{kind}" for kind in job.files}
+            for path in filter(None, at_fault):
+                path.unlink(missing_ok=True)
         raise DesignError("; ".join(what for _, what in faults))
     return table_of(job, result, written)
 

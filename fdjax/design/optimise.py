@@ -64,8 +64,11 @@ def _start(controls: Any, objective: Objective) -> Any:
 def _step(controls: Any, objective: Objective, state: Any) -> tuple[Any, Any, Any, Any]:
     controls, state, _ = _SOLVER.step(_residuals, controls, objective, {}, state, frozenset())
     done, _ = _SOLVER.terminate(_residuals, controls, objective, {}, state, frozenset())
-    sizes = [jnp.sqrt((part**2).sum()) for part in state.aux]
-    return controls, state, sizes, done
+    return controls, state, _sizes(state.aux), done
+
+
+def _sizes(residuals: Residuals) -> list[Any]:
+    return [jnp.sqrt((part**2).sum()) for part in residuals]
 
 
 def optimise(
@@ -73,22 +76,24 @@ def optimise(
     controls: Any,
     *,
     steps: int = 40,
-    patience: float = 0.03,
+    patience: float = 0.05,
     progress: Callable[[Progress], None] | None = None,
 ) -> Outcome:
     """Minimise the objective from these controls with optimistix's Levenberg-Marquardt.
 
-    Stops after `steps` evaluations, when nothing moves any more, or when five steps in a row
+    Stops after `steps` evaluations, when nothing moves any more, or when four steps in a row
     together gain less than `patience` of the objective. `progress` is called after each step that
     was an improvement. Requires float64.
     """
     require_float64()
     # Without weak types one compiled step serves every call.
     controls = jax.tree.map(lambda values: jnp.array(values, dtype=jnp.float64), controls)
-    state = _start(controls, objective)
     began, history = time.perf_counter(), []
-    error = penalty = 0.0
-    done = False
+    if steps < 1:
+        error, _, penalty = _sizes(_residuals(controls, objective)[1])
+        spent = time.perf_counter() - began
+        return Outcome(controls, float(error), float(penalty), 0, False, spent)
+    state, done, error, penalty = _start(controls, objective), False, 0.0, 0.0
     for count in range(1, steps + 1):
         controls, state, sizes, done = _step(controls, objective, state)
         error, roughness, penalty = (float(size) for size in sizes)
@@ -96,7 +101,7 @@ def optimise(
         if progress and value < min(history, default=np.inf):
             progress(Progress(count, error, value, time.perf_counter() - began))
         history.append(value)
-        stalled = len(history) > 5 and value > (1 - patience) * history[-6]
+        stalled = len(history) > 4 and value > (1 - patience) * history[-5]
         done = bool(done) or stalled
         if done:
             break

@@ -137,20 +137,23 @@ class GridLines(AbstractPattern):
         grid, width, _ = self.realise(controls)
         xi, eta = self._places()
         _, walled = tangents(grid, xi, eta)
-        # Walls count for the shape of the map; no line lies on them.
-        along = Tangents(*(tangent[1:-1, 1:-1] for tangent in walled))
-        jacobian, along_xi, along_eta = along.jacobian, norm(along.xi), norm(along.eta)
         n_xi, n_eta = self.lines_per_layer
-        least = limits.least_spacing or width(xi, eta)[1:-1, 1:-1]
+        least = limits.least_spacing or width(xi, eta)
         # Beyond a fold spacing means nothing, and a division by J would blow up.
-        positive = jnp.maximum(jacobian, 1e-3 * jnp.abs(jacobian).mean())
-        closeness = [least * n_xi * along_eta / positive, least * n_eta * along_xi / positive]
+        positive = jnp.maximum(walled.jacobian, 1e-3 * jnp.abs(walled.jacobian).mean())
+        # Lines run up to two of the walls, and lie on none.
+        closeness = [
+            (least * n_xi * norm(walled.eta) / positive)[1:-1],
+            (least * n_eta * norm(walled.xi) / positive)[:, 1:-1],
+        ]
+        inner = Tangents(*(tangent[1:-1, 1:-1] for tangent in walled))
+        jacobian, along_xi, along_eta = inner.jacobian, norm(inner.xi), norm(inner.eta)
         spans = [along_eta / n_eta, along_xi / n_xi]
         lengths = [along_eta.mean(1), along_xi.mean(0)]
         return Penalties(
             fold=(FOLD_FLOOR - walled.jacobian / jacobian.mean()).ravel() / FOLD_FLOOR,
             skew=(walled.skew / self.skew_limit).ravel() - 1,
-            spacing=jnp.stack(closeness).ravel() - 1,
+            spacing=jnp.concatenate([each.ravel() for each in closeness]) - 1,
             span=jnp.stack(spans).ravel() / limits.longest_span - 1,
             length=limits.least_road / jnp.concatenate(lengths) - 1,
         )
@@ -162,7 +165,7 @@ class GridLines(AbstractPattern):
     def _places(self) -> tuple[Array, Array]:
         ends = jnp.zeros(1), jnp.ones(1)
         v, u = (
-            jnp.concatenate([ends[0], family.run.places[::2], ends[1]]) for family in self.samples
+            jnp.concatenate([ends[0], family.run.places, ends[1]]) for family in self.samples
         )
         return u[:, None], v[None]
 
@@ -176,8 +179,7 @@ class GridLines(AbstractPattern):
         return jnp.concatenate(pieces)
 
     def lines(self, controls: Controls, points: int = 257) -> list[list[Lines]]:
-        realised = self.realise(controls)
-        widest = float(porosity.widest(realised.width))
+        realised, widest = _realise(self, controls)
         made: dict[Scan, Lines] = {}
         for number, family in enumerate(FAMILIES):
             comb = int(self.comb[number])
@@ -194,9 +196,15 @@ FOLD_FLOOR = 0.02
 """J over its mean below which design is pushed back from folding."""
 
 
+@eqx.filter_jit
+def _realise(pattern: GridLines, controls: Controls) -> tuple[Realised, Float[Array, ""]]:
+    realised = pattern.realise(controls)
+    return realised, porosity.widest(realised.width)
+
+
 @partial(jax.jit, static_argnames=("points", "along_xi"))
 def _trace(
-    realised: Realised, places: Array, points: int, along_xi: bool, widest: float
+    realised: Realised, places: Array, points: int, along_xi: bool, widest: Float[Array, ""]
 ) -> tuple[Array, Array]:
     """Points of the lines at these places, from wall to wall, and the width of each segment.
 

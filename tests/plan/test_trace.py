@@ -1,0 +1,145 @@
+"""From a pattern's lines to a build: inside the walls, joined, and layers laid alike once."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import shapely
+
+from fdjax.errors import InputError
+from fdjax.plan.check import check
+from fdjax.plan.limits import Limits
+from fdjax.plan.toolpath import Build, Layer, Road
+from fdjax.plan.trace import lay, trim
+from fdjax.road.bead import section_area
+
+PLATE = shapely.box(0, 0, 20, 10)
+WIDTH, HEIGHT = 0.4, 0.2
+AREA = section_area(WIDTH, HEIGHT)
+
+
+class Family(NamedTuple):
+    family: str
+    parity: int
+    xy: np.ndarray
+    width: np.ndarray
+
+
+def upright(places, points=65, parity=0, width=WIDTH):
+    """Lines along y at these x, from wall to wall of the plate."""
+    y = np.linspace(0, 10, points)
+    xy = np.stack(np.broadcast_arrays(np.array(places, float)[:, None], y), -1)
+    return Family("xi", parity, xy, np.full((len(xy), points - 1), width))
+
+
+def level(places, points=65, parity=0):
+    x = np.linspace(0, 20, points)
+    xy = np.stack(np.broadcast_arrays(x, np.array(places, float)[:, None]), -1)
+    return Family("eta", parity, xy, np.full((len(xy), points - 1), WIDTH))
+
+
+def laid(*layers, outline=PLATE, **more):
+    return lay(layers, outline, height=HEIGHT, lift_length=4.0, **more)
+
+
+def test_one_family_is_one_road_back_and_forth_half_a_road_inside():
+    build = laid([upright([2, 5, 8])], name="plate")
+    assert build.name == "plate"
+    (layer,) = build.layers
+    (road,) = layer.roads
+    expected = [(2, 0.2), (2, 9.8), (5, 9.8), (5, 0.2), (8, 0.2), (8, 9.8)]
+    assert {tuple(road.xy[0].round(6)), tuple(road.xy[-1].round(6))} == {expected[0], expected[-1]}
+    assert shapely.equals_exact(
+        shapely.LineString(road.xy).normalize(), shapely.LineString(expected).normalize(), 2e-3
+    )
+    assert road.family == "xi"
+    assert layer.outline is PLATE
+    assert build.volume == pytest.approx(AREA * (3 * 9.6 + 2 * 3), rel=1e-6)
+
+
+def test_parity_says_which_wall_has_the_first_turn():
+    first, second = (laid([upright([2, 5], parity=p)]).layers[0].roads[0].xy for p in (0, 1))
+    assert first[1:3, 1] == pytest.approx(9.8)
+    assert second[1:3, 1] == pytest.approx(0.2)
+
+
+def test_layers_rise_and_take_the_families_given():
+    a, b = upright([2, 5, 8]), level([3, 6])
+    build = laid([a], [b], [a], [a, b])
+    assert [layer.z for layer in build.layers] == [0.2, 0.4, 0.6, 0.8]
+    assert {layer.height for layer in build.layers} == {HEIGHT}
+    assert [[road.family for road in layer.roads] for layer in build.layers] == [
+        ["xi"], ["eta"], ["xi"], ["xi", "eta"]
+    ]  # fmt: skip
+    # What repeats is laid once.
+    assert build.layers[0].roads is build.layers[2].roads
+
+
+def test_points_on_a_straight_road_are_dropped_to_the_tolerance():
+    places = np.array([4.0, 9, 14])
+    bent = upright(places, points=201)
+    bent.xy[..., 0] += 0.5 * np.sin(bent.xy[..., 1] / 3)
+    fine, coarse = (laid([bent], tolerance=t).layers[0].roads[0] for t in (1e-9, 0.02))
+    assert len(coarse.xy) < len(fine.xy) / 10
+    distance = shapely.hausdorff_distance(
+        shapely.LineString(fine.xy), shapely.LineString(coarse.xy)
+    )
+    assert distance <= 0.02
+    assert len(laid([upright(places)]).layers[0].roads[0].xy) == 6
+
+
+def test_clearance_keeps_beads_further_from_every_wall():
+    holed = shapely.Polygon(PLATE.exterior, [shapely.Point(10, 5).buffer(2).exterior])
+    for clearance in (0.0, 0.1):
+        build = laid([upright(np.arange(1, 20, 1.5))], outline=holed, clearance=clearance)
+        reach = min(
+            shapely.distance(holed.boundary, shapely.LineString(road.xy))
+            for road in build.layers[0].roads
+        )
+        assert reach == pytest.approx(WIDTH / 2 + clearance, abs=5e-3)
+        assert build.layers[0].outline is holed
+
+
+def test_an_outline_too_narrow_for_the_clearance_is_refused():
+    dumbbell = shapely.union_all(
+        [shapely.box(0, 0, 8, 10), shapely.box(12, 0, 20, 10), shapely.box(7, 5, 13, 5.1)]
+    )
+    with pytest.raises(InputError, match=r"falls apart when shrunk by 0\.1 mm"):
+        laid([upright([2, 5])], outline=dumbbell, clearance=0.1)
+
+
+def test_what_is_laid_passes_the_checks():
+    a, b = upright(np.arange(1.5, 20, 2)), level(np.arange(1, 10, 2))
+    limits = Limits(road_width=(0.3, 0.8), longest_span=5.0, least_road=5.0)
+    assert check(laid([a], [b], [a]), limits) == ()
+
+
+# --- trim ---
+
+
+def test_trim_scales_all_sections_alike():
+    wide = upright([12, 15, 18], width=0.7)
+    build = laid([upright([2, 5, 8]), wide], [level([3, 6])])
+    trimmed = trim(build, 1.1 * build.volume)
+    assert trimmed.volume == pytest.approx(1.1 * build.volume, rel=1e-12)
+    pairs = [
+        (road, new)
+        for layer, after in zip(build.layers, trimmed.layers, strict=True)
+        for road, new in zip(layer.roads, after.roads, strict=True)
+    ]
+    assert len(pairs) == 3
+    for road, new in pairs:
+        np.testing.assert_array_equal(new.xy, road.xy)
+        share = section_area(new.width, HEIGHT) / section_area(road.width, HEIGHT)
+        np.testing.assert_allclose(share, 1.1)
+
+
+def test_trim_minds_the_heights_of_the_layers():
+    road = Road([(0, 0), (10, 0)], 0.4)
+    build = Build((Layer(0.2, 0.2, (road,)), Layer(0.5, 0.3, (road,))))
+    assert trim(build, 2.0).volume == pytest.approx(2.0)
+
+
+def test_trim_of_nothing_is_refused():
+    with pytest.raises(InputError, match="no roads"):
+        trim(Build((Layer(0.2, 0.2, ()),)), 1.0)

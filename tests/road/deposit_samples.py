@@ -1,0 +1,59 @@
+"""Patterns whose deposit is compared with the roads that a plan lays of them."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from fdjax.grid.base import Sides
+from fdjax.pattern.grid_lines import Controls, GridLines
+from fdjax.plan.trace import lay
+from fdjax.road.bead import section_area
+from fdjax.road.porosity import FamilySamples, Samples
+from fdjax.road.stacking import FAMILIES, Stacking
+
+WIDTH, HEIGHT = 0.4, 0.2
+AREA = section_area(WIDTH, HEIGHT)
+
+
+def pattern(patch, lines, phases=1, *, both=False, kind="uniform", samples=400, **more):
+    """The pattern with `lines` of each family a layer, and as many layers as make it whole."""
+    mode = ("both" if both else "alternate") + ("-staggered" if phases > 1 else "")
+    places = Samples.between(np.linspace(0, 1, samples + 1))
+    return GridLines(
+        sides=Sides.of(patch),
+        comb=tuple(jnp.asarray(float(n * phases)) for n in lines),
+        width=WIDTH,
+        width_range=(0.3, 0.8),
+        height=HEIGHT,
+        first=Controls(),
+        samples=(FamilySamples(places, places),) * 2,
+        kind=kind,
+        stacking=Stacking(mode, phases, phases if both else 2 * phases),
+        **more,
+    )
+
+
+@eqx.filter_jit
+def _deposit(pattern):
+    return pattern.deposit(pattern.first)[0]
+
+
+def deposit(pattern):
+    """Points and volumes of the mean layer as NumPy arrays."""
+    return tuple(map(np.asarray, _deposit(pattern)))
+
+
+def laid(pattern, outline):
+    """The build of the pattern's roads."""
+    return lay(pattern.lines(pattern.first), outline, height=HEIGHT, lift_length=4.0)
+
+
+def line_volume(pattern, length):
+    """Volume on the mean layer of one line of each family, of this length."""
+    return AREA * length * sum(pattern.stacking.layer_share(family) for family in FAMILIES)
+
+
+def in_windows(points, volume, measurement):
+    """Volume at points in the windows of a measurement."""
+    edges = measurement.x, measurement.y
+    return np.histogram2d(*points.T, bins=edges, weights=volume)[0]

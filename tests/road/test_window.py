@@ -1,0 +1,118 @@
+"""Soft windows: they share out every amount once, exactly, and smoothly."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fdjax.road.window import SoftWindows
+
+PLATE = shapely.box(2, -1, 32, 21)
+L_SHAPE = shapely.Polygon([(0, 0), (30, 0), (30, 12), (14, 12), (14, 26), (0, 26)])
+RING = shapely.Point(0, 0).buffer(20).difference(shapely.Point(3, 2).buffer(6))
+OVERLAP = 4
+"""Windows that hold each place: two along x, two along y."""
+
+
+def half(x, y):
+    return 0.5 + 0 * x
+
+
+def random_points(outline, count=400, seed=1):
+    x0, y0, x1, y1 = outline.bounds
+    return np.random.default_rng(seed).uniform((x0, y0), (x1, y1), (count, 2))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    size=st.floats(1.5, 40),
+    width=st.floats(5, 50),
+    height=st.floats(5, 50),
+    u=st.floats(0, 1),
+    v=st.floats(0, 1),
+)
+def test_every_place_counts_once_along_each_of_the_overlapping_windows(size, width, height, u, v):
+    outline = shapely.box(-3, 4, width - 3, height + 4)
+    windows = SoftWindows.over(outline, half, size, fine=4)
+    point = np.array([[-3 + u * width, 4 + v * height]])
+    sums = windows.sums(point, np.ones(1))
+    assert sums.sum() == pytest.approx(OVERLAP, rel=1e-9)
+    # Windows a whole size apart share it out among themselves.
+    for i, j in np.ndindex(2, 2):
+        assert sums[i::2, j::2].sum() == pytest.approx(1, rel=1e-9)
+    assert sums.min() >= 0
+
+
+@pytest.mark.parametrize("outline", [PLATE, L_SHAPE, RING])
+def test_areas_add_up_to_the_outline(outline):
+    windows = SoftWindows.over(outline, half, 5.0)
+    assert windows.area.sum() == pytest.approx(OVERLAP * outline.area, rel=1e-9)
+    assert windows.area.shape == (len(windows.x), len(windows.y))
+    assert windows.total == pytest.approx(0.5 * outline.area, rel=1e-9)
+    assert np.allclose(windows.target[windows.area > 0], 0.5)
+    assert not windows.target[windows.area == 0].any()
+
+
+def test_a_window_inside_has_its_own_area_and_the_linear_target_of_its_middle():
+    windows = SoftWindows.over(PLATE, lambda x, y: 0.1 + 0.01 * x + 0.005 * y, 5.0)
+    x0, y0, x1, y1 = PLATE.bounds
+    x, y = windows.x.mean(1), windows.y.mean(1)
+    # Softened edges reach a quarter of a window beyond their middles.
+    inside = np.ix_(
+        (windows.x[:, 0] > x0 + 1.25) & (windows.x[:, 1] < x1 - 1.25),
+        (windows.y[:, 0] > y0 + 1.25) & (windows.y[:, 1] < y1 - 1.25),
+    )
+    expected = (0.1 + 0.01 * x[:, None] + 0.005 * y)[inside]
+    assert expected.size > 20
+    np.testing.assert_allclose(windows.target[inside], expected, rtol=2e-4)
+    np.testing.assert_allclose(windows.area[inside], 25, rtol=2e-3)
+    assert windows.total == pytest.approx(30 * 22 * (0.1 + 0.01 * 17 + 0.005 * 10), rel=1e-12)
+
+
+def test_a_small_outline_has_windows_all_the_same():
+    windows = SoftWindows.over(shapely.box(0, 0, 1, 2), half, 5.0)
+    assert windows.area.shape == (3, 3)
+    assert windows.area.sum() == pytest.approx(OVERLAP * 2)
+
+
+@pytest.mark.parametrize("outline", [PLATE, RING])
+def test_sums_of_numpy_and_jax_agree(outline):
+    windows = SoftWindows.over(outline, half, 6.0, fine=4)
+    points = random_points(outline)
+    amounts = np.random.default_rng(2).uniform(0, 3, len(points))
+    exact = windows.sums(points, amounts)
+    np.testing.assert_allclose(
+        jax.jit(windows.sums)(jnp.asarray(points), jnp.asarray(amounts)), exact, atol=1e-12
+    )
+    assert exact.sum() == pytest.approx(OVERLAP * amounts.sum())
+
+
+def test_sums_differentiate_as_central_differences_say():
+    windows = SoftWindows.over(PLATE, half, 5.0, fine=2)
+    rng = np.random.default_rng(3)
+    points = jnp.asarray(random_points(PLATE, 60))
+    amounts = jnp.asarray(rng.uniform(0, 1, 60))
+    weight = jnp.asarray(rng.normal(size=windows.area.shape))
+
+    @jax.jit
+    def value(points, amounts):
+        return (weight * windows.sums(points, amounts)).sum()
+
+    gradient = jax.jit(jax.grad(value, argnums=(0, 1)))(points, amounts)
+    way = rng.normal(size=points.shape), rng.normal(size=amounts.shape)
+    step = 1e-5
+    ahead = value(points + step * way[0], amounts + step * way[1])
+    back = value(points - step * way[0], amounts - step * way[1])
+    slope = sum(float((g * w).sum()) for g, w in zip(gradient, way, strict=True))
+    assert slope == pytest.approx(float(ahead - back) / (2 * step), rel=1e-6)
+
+
+def test_a_point_that_slides_over_an_edge_makes_no_jump():
+    windows = SoftWindows.over(PLATE, half, 5.0, fine=2)
+    x = np.linspace(2, 32, 3001)
+    share = np.stack([windows.sums(np.array([[at, 10.0]]), np.ones(1)).ravel() for at in x])
+    # At most the steepest rise of the smooth step, 1.5 over half a window, in each direction.
+    assert np.abs(np.diff(share, axis=0)).max() <= 1.01 * 1.5 / 2.5 * (x[1] - x[0])
