@@ -102,7 +102,8 @@ def optimise(
             progress(Progress(count, error, value, time.perf_counter() - began))
         history.append(value)
         stalled = len(history) > 4 and value > (1 - patience) * history[-5]
-        done = bool(done) or stalled
-        if done:
+        if done or stalled:
+            # Where nothing was ever gained the trials failed: that is no convergence.
+            done = bool(done) or value < history[0]
             break
-    return Outcome(controls, error, penalty, len(history), done, time.perf_counter() - began)
+    return Outcome(controls, error, penalty, len(history), bool(done), time.perf_counter() - began)

@@ -73,15 +73,14 @@ def begin(
     stacking: Stacking,
     limits: Limits,
     lines: tuple[int, int] | None = None,
-    span_limit: bool = True,
     window: float,
 ) -> Start:
     """Line counts, road width and first spacings for a porosity `target(x, y)`.
 
     Turn-arounds are taken as spread over half a `window` (mm) from their wall.
     `width` and `lines` (a layer's, of each family) are kept where given. Otherwise the counts
-    follow from the mean that the target asks, with cells as square as the least spacing and, with
-    `span_limit`, the longest span leave room for. Raises `InputError` when no count and width of
+    follow from the mean that the target asks, with cells as square as the least spacing and
+    the longest span leave room for. Raises `InputError` when no count and width of
     the machine can give a porosity that the target asks for.
     """
     xy, along = _lattice(sides)
@@ -93,7 +92,7 @@ def begin(
     if width is None:
         width = _fitting_width(mean_solid, length, jacobian, lines, shares, height, limits)
     area = float(section_area(width, height))
-    _check_reachable(solid, area / height, shares, width, limits, span_limit)
+    _check_reachable(solid, area / height, shares, width, limits)
     asked = solid * height / area * jacobian
     strips = _Strips(
         _both(
@@ -106,7 +105,7 @@ def begin(
         _both(lambda k: float(jacobian.sum() / length[k].sum())),
     )
     least = limits.least_spacing or width
-    span = limits.longest_span if span_limit else np.inf
+    span = limits.longest_span
     counts = lines or _counts(strips, shares, least, span)
     density = _both(
         lambda k: np.clip(
@@ -192,11 +191,10 @@ def _check_reachable(
     shares: tuple[float, ...],
     width: float,
     limits: Limits,
-    span_limit: bool,
 ) -> None:
     """`thickness` is the section area over the layer height: volume per area of one line a mm."""
     densest = thickness * sum(shares) / (limits.least_spacing or width)
-    sparsest = thickness * sum(shares) / limits.longest_span if span_limit else 0.0
+    sparsest = thickness * sum(shares) / limits.longest_span
     for value, what in ((solid.max(), "densest"), (solid.min(), "most open")):
         if not sparsest <= value <= densest:
             raise InputError(

@@ -164,9 +164,7 @@ class GridLines(AbstractPattern):
 
     def _places(self) -> tuple[Array, Array]:
         ends = jnp.zeros(1), jnp.ones(1)
-        v, u = (
-            jnp.concatenate([ends[0], family.run.places, ends[1]]) for family in self.samples
-        )
+        v, u = (jnp.concatenate([ends[0], family.run.places, ends[1]]) for family in self.samples)
         return u[:, None], v[None]
 
     def roughness(self, controls: Controls) -> Float[Array, " n"]:

@@ -122,7 +122,6 @@ def test_lines_of_a_curved_domain_have_its_mean():
         (constant(0.99), {}, r"porosity 0\.990, but .* can give 0\.107 to 0\.964"),
         (lambda x, y: 0.05 + 0.02 * x, {}, r"can give 0\.107 to 0\.964"),
         (constant(0.05), {"stacking": Stacking("both")}, None),
-        (constant(0.99), {"span_limit": False}, None),
         (constant(0.99), {"limits": Limits()}, None),
         (constant(0.4), {"limits": Limits(least_spacing=0.8)}, r"can give 0\.554 to 1\.000"),
     ],
