@@ -44,8 +44,10 @@ def designed(target, objective: str, machine, span_limit: bool = False):
         window=WINDOW,
         objective=objective,
         nodes=(33, 25),
+        knots=10 if objective == "cells" else None,
         smoothness=3e-5 if objective == "cells" else 1e-4,
         iterations=80,
+        patience=0.01 if objective == "cells" else 0.05,
         span_limit=span_limit,
     )
 

@@ -100,6 +100,7 @@ def design(
     field_knots: tuple[int, int] = (8, 6),
     smoothness: float = 1e-4,
     iterations: int = 60,
+    patience: float = 0.05,
     span_limit: bool = True,
     nodes: tuple[int, int] = (33, 33),
     phi: float = 0.0,
@@ -127,7 +128,8 @@ def design(
       `field_knots`: of a field.
     - `window`: side (mm) of the windows in which `objective` "windows" compares porosity,
       turn-arounds included; "cells" compares the lines' own cells.
-    - `smoothness`: weight of roughness; `iterations`: most evaluations in all.
+    - `smoothness`: weight of roughness; `iterations`: most evaluations in all; `patience`: gain
+      of the objective over four evaluations below which a stage ends.
 
     Raises `InputError` for what cannot be designed at all. A result that folds or misses is
     returned, and says so.
@@ -183,7 +185,9 @@ def design(
     for stage in stages:
         problem = Objective(pattern, stage, target, layer_height, limits, smoothness)
         budget = iterations - steps if stage is stages[-1] else iterations // 4
-        outcome = optimise(problem, pattern.first, steps=budget, progress=progress)
+        outcome = optimise(
+            problem, pattern.first, steps=budget, patience=patience, progress=progress
+        )
         steps, seconds = steps + outcome.steps, seconds + outcome.seconds
         pattern = eqx.tree_at(lambda p: p.first, pattern, outcome.controls)
     if lines is None:
