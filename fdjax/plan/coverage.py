@@ -24,8 +24,8 @@ def coverage(
     Roads are as wide as their width and have round ends; what overlaps counts once, what lies
     outside the outline counts too. Measured by scan lines `resolution` mm apart (by default a
     tenth of the narrowest road), each exactly along itself; they run at 0.4 radians to the x
-    axis. With the default the value is good to about 1e-3 of itself. Only roads that run along the
-    scan lines would be measured worse, by up to a scan line's distance in their width.
+    axis. With the default the value of a layer of many roads is good to about 1e-3 of itself; with
+    four tangled roads 5e-3 was seen, as roads that run along the scan lines are measured worse.
 
     `outline` stands in for the layers' own. Raises `InputError` without layers or outline.
 
