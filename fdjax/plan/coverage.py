@@ -23,9 +23,9 @@ def coverage(
 
     Roads are as wide as their width and have round ends; what overlaps counts once, what lies
     outside the outline counts too. Measured by scan lines `resolution` mm apart (by default a
-    tenth of the narrowest road), each exactly along itself; they run at 0.4 radians to the x
-    axis. With the default the value of a layer of many roads is good to about 1e-3 of itself; with
-    four tangled roads 5e-3 was seen, as roads that run along the scan lines are measured worse.
+    fifth of the narrowest road), each exactly along itself; they run at 0.4 radians to the x axis.
+    Roads that run along them are measured worst. With the default 1e-5 was seen for a layer of
+    hundreds of roads' lengths, 2e-3 for twenty short tangled roads and 6e-3 for four.
 
     `outline` stands in for the layers' own. Raises `InputError` without layers or outline.
 
@@ -49,7 +49,7 @@ def _union_area(segments: Segments, resolution: float | None) -> float:
     """Area of the union of all beads seen from above, mm^2."""
     if not len(segments.length):
         return 0.0
-    step = resolution or float(segments.width.min()) / 10
+    step = resolution or float(segments.width.min()) / 5
     turn = np.array([[np.cos(_ANGLE), -np.sin(_ANGLE)], [np.sin(_ANGLE), np.cos(_ANGLE)]])
     start, end, radius = segments.start @ turn, segments.end @ turn, segments.width / 2
     # Scan lines lie at (k + 1/2) step; a stadium is met by those from `first` to `last`.

@@ -20,42 +20,34 @@ def stadium_chord(
     >>> float(low), float(high)
     (4.5, 5.5)
     """
-    p, d, a, b = (np.asarray(value, float) for value in (point, direction, start, end))
+    (px, py), (dx, dy), (ax, ay), (bx, by) = (
+        np.moveaxis(np.asarray(value, float), -1, 0) for value in (point, direction, start, end)
+    )
     radius = np.asarray(radius, float)
-    along = b - a
-    length = np.hypot(along[..., 0], along[..., 1])
-    unit = along / length[..., None]
-    chords = [
-        _disc(a - p, d, radius),
-        _disc(b - p, d, radius),
-        _rectangle(p - a, d, unit, length, radius),
-    ]
-    lows, highs = zip(*chords, strict=True)
-    return np.minimum.reduce(lows), np.maximum.reduce(highs)
+    length = np.hypot(bx - ax, by - ay)
+    ux, uy = (bx - ax) / length, (by - ay) / length
+    x, y = px - ax, py - ay
+    # How the point lies ahead of the segment's start and aside of it, and where the line goes.
+    ahead, aside = x * ux + y * uy, ux * y - uy * x
+    forward, sideward = dx * ux + dy * uy, ux * dy - uy * dx
+    middle, miss = -(x * dx + y * dy), x * dy - y * dx
+    low, high = _disc(middle, miss, radius)
+    low_b, high_b = _disc(middle + length * forward, miss - length * sideward, radius)
+    low, high = np.minimum(low, low_b), np.maximum(high, high_b)
+    # Between the discs lies a rectangle.
+    low_l, high_l = _slab(ahead, forward, 0.0, length)
+    low_w, high_w = _slab(aside, sideward, -radius, radius)
+    low_r, high_r = np.maximum(low_l, low_w), np.minimum(high_l, high_w)
+    hits = low_r <= high_r
+    return np.where(hits, np.minimum(low, low_r), low), np.where(
+        hits, np.maximum(high, high_r), high
+    )
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
-    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1]
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-
-
-def _disc(centre: Floats, d: Floats, radius: Floats) -> tuple[Floats, Floats]:
-    middle, room = _dot(centre, d), radius**2 - _cross(centre, d) ** 2
+def _disc(middle: Floats, miss: Floats, radius: Floats) -> tuple[Floats, Floats]:
+    room = radius**2 - miss**2
     half = np.where(room >= 0, np.sqrt(np.maximum(room, 0)), -np.inf)
     return middle - half, middle + half
-
-
-def _rectangle(
-    p: Floats, d: Floats, unit: Floats, length: Floats, radius: Floats
-) -> tuple[Floats, Floats]:
-    low_a, high_a = _slab(_dot(p, unit), _dot(d, unit), 0.0, length)
-    low_b, high_b = _slab(_cross(unit, p), _cross(unit, d), -radius, radius)
-    low, high = np.maximum(low_a, low_b), np.minimum(high_a, high_b)
-    misses = low > high
-    return np.where(misses, np.inf, low), np.where(misses, -np.inf, high)
 
 
 def _slab(value: Floats, rate: Floats, low: Floats | float, high: Floats) -> tuple[Floats, Floats]:
