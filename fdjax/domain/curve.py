@@ -35,7 +35,7 @@ class Curve:
         s = xp.asarray(s)
         breaks, coefficients = xp.asarray(self.breaks), xp.asarray(self.coefficients)
         if len(self.breaks) == 2:
-            piece = xp.zeros(s.shape, int)
+            piece = 0
         else:
             piece = xp.searchsorted(breaks, s, side="right") - 1
             piece = xp.clip(piece, 0, len(self.breaks) - 2)

@@ -1,7 +1,7 @@
 """What every grid is: a differentiable map of the unit square into the plane, and its metrics."""
 
 from abc import abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -26,6 +26,44 @@ class AbstractGridMap(eqx.Module):
     def __call__(
         self, xi: Float[Array, "..."], eta: Float[Array, "..."]
     ) -> Float[Array, "... 2"]: ...
+
+    def with_tangents(
+        self, xi: Float[Array, "..."], eta: Float[Array, "..."]
+    ) -> tuple[Float[Array, "... 2"], "Tangents"]:
+        """What `tangents` gives."""
+        xy, along_xi = jax.jvp(lambda t: self(t, eta), (xi,), (jnp.ones_like(xi),))
+        _, along_eta = jax.jvp(lambda t: self(xi, t), (eta,), (jnp.ones_like(eta),))
+        return xy, Tangents(along_xi, along_eta)
+
+
+class AbstractSeparableMap(AbstractGridMap):
+    """A map that is a sum of products of functions of xi and functions of eta.
+
+    All derivation is then in one variable, and a lattice costs little more than its two axes.
+    """
+
+    @abstractmethod
+    def along_xi(self, xi: Float[Array, "..."]) -> Any:
+        """The functions of xi, a pytree of arrays."""
+
+    @abstractmethod
+    def along_eta(self, eta: Float[Array, "..."]) -> Any:
+        """The functions of eta, a pytree of arrays."""
+
+    @abstractmethod
+    def blend(self, of_xi: Any, of_eta: Any) -> Float[Array, "... 2"]:
+        """The points: linear in what `along_xi` gives and linear in what `along_eta` gives."""
+
+    def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
+        return self.blend(self.along_xi(xi), self.along_eta(eta))
+
+    def with_tangents(
+        self, xi: Float[Array, "..."], eta: Float[Array, "..."]
+    ) -> tuple[Float[Array, "... 2"], "Tangents"]:
+        of_xi, by_xi = jax.jvp(self.along_xi, (xi,), (jnp.ones_like(xi),))
+        of_eta, by_eta = jax.jvp(self.along_eta, (eta,), (jnp.ones_like(eta),))
+        along = Tangents(self.blend(by_xi, of_eta), self.blend(of_xi, by_eta))
+        return self.blend(of_xi, of_eta), along
 
 
 class Sides(NamedTuple):
@@ -63,9 +101,7 @@ def tangents(
     grid: AbstractGridMap, xi: Float[Array, "..."], eta: Float[Array, "..."]
 ) -> tuple[Float[Array, "... 2"], Tangents]:
     """Points xy and the map's derivatives there, in one pass."""
-    xy, along_xi = jax.jvp(lambda t: grid(t, eta), (xi,), (jnp.ones_like(xi),))
-    _, along_eta = jax.jvp(lambda t: grid(xi, t), (eta,), (jnp.ones_like(eta),))
-    return xy, Tangents(along_xi, along_eta)
+    return grid.with_tangents(xi, eta)
 
 
 def norm(vector: Float[Array, "... 2"]) -> Float[Array, "..."]:

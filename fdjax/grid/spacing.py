@@ -29,11 +29,15 @@ class UniformSpacing(AbstractSpacing):
 class DensitySpacing(AbstractSpacing):
     """Spacing by a density of lines rho along the side: `t = int_0^s rho / int_0^1 rho`.
 
-    Kept as the places s with their t and ds/dt; between them, cubics in t.
+    Kept piece by piece as cubics in t.
+
+    - `t`: where the pieces begin, shape (n,).
+    - `pieces`: of each, shape (n, 4), where it begins, one over its length and how far it bends at
+      its two ends, in pieces.
     """
 
     t: Float[Array, " n"]
-    slopes: Float[Array, " n"]
+    pieces: Float[Array, "n 4"]
 
     @classmethod
     def of(cls, log_density: Float[Array, " K"]) -> "DensitySpacing":
@@ -50,19 +54,18 @@ class DensitySpacing(AbstractSpacing):
         density = jnp.exp(basis @ level)
         # Simpson's rule on each piece.
         pieces = (density[:-2:2] + 4 * density[1::2] + density[2::2]) / 6
-        total = pieces.sum()
-        t = jnp.concatenate([jnp.zeros(1), jnp.cumsum(pieces)]) / total
-        return cls(t, total / _PIECES / density[::2])
+        t = jnp.concatenate([jnp.zeros(1), jnp.cumsum(pieces)]) / pieces.sum()
+        length = pieces / pieces.sum()
+        # ds/dt at the ends, in pieces along s for one along t, less the mean of 1.
+        start, end = pieces / density[:-1:2] - 1, 1 - pieces / density[2::2]
+        return cls(t[:-1], jnp.stack([t[:-1], 1 / length, start, end], 1))
 
     def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
-        count = len(self.t) - 1
-        k = jnp.searchsorted(self.t[1:-1], t, side="right", method="compare_all")
-        table = jnp.stack([self.t[:-1], self.t[1:], self.slopes[:-1], self.slopes[1:]], 1)
-        low, high, slope_low, slope_high = jnp.moveaxis(table[k], -1, 0)
-        step, rise = high - low, 1 / count
-        f = (t - low) / step
-        bend = (slope_low * step - rise) * (1 - f) + (rise - slope_high * step) * f
-        return k / count + f * rise + f * (1 - f) * bend
+        k = (t[..., None] >= self.t[1:]).sum(-1)
+        piece = self.pieces.at[k].get(mode="promise_in_bounds", wrap_negative_indices=False)
+        begin, scale, start, end = (piece[..., part] for part in range(4))
+        f = (t - begin) * scale
+        return (k + f + f * (1 - f) * (start * (1 - f) + end * f)) / len(self.t)
 
 
 class RobertsSpacing(AbstractSpacing):
