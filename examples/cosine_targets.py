@@ -54,7 +54,8 @@ def designed(target, objective: str, machine, span_limit: bool = False):
 
 def model_error(design, target) -> tuple[float, float]:
     """Area-weighted RMS and largest error of the cells' porosity."""
-    xy, porosity, area = design.pattern.cells(design.controls)
+    pattern = design.pattern
+    xy, porosity, area = pattern.cells(pattern.realise(design.controls))
     error = porosity - target(xy[..., 0], xy[..., 1])
     return float(jnp.sqrt((error**2 * area).sum() / area.sum())), float(jnp.abs(error).max())
 

@@ -1,6 +1,7 @@
 """The command line. Nothing heavy is imported before a command runs: `--help` answers at once."""
 
 import argparse
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -25,6 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     try:
         arguments.command(arguments)
+        # The process ends: no last look for rings among a million objects.
+        gc.freeze()
     except InputError as fault:
         return _fail(fault, BAD_INPUT)
     except DesignError as fault:
@@ -116,6 +119,8 @@ def _prepare_jax() -> None:
     """float64, and compiled code kept between runs (in `JAX_COMPILATION_CACHE_DIR` if set)."""
     # The elimination's small blocks gain nothing from BLAS threads, which spin on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Tracing leaves many small objects that stay: to look through them for rings takes long.
+    gc.set_threshold(1_000_000)
     import jax
 
     jax.config.update("jax_enable_x64", True)

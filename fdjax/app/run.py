@@ -2,7 +2,9 @@
 
 import json
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 
 from fdjax.app import setting
 from fdjax.app.config import Job
@@ -42,6 +44,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     def show(step: Progress) -> None:
         progress(f"step {step.step:3d}   RMS error {step.error:.5f}   {step.seconds:5.1f} s")
 
+    # Matplotlib takes long to load: let it do so while the optimiser computes.
+    pictures = Thread(target=import_module, args=["fdjax.view.figures"])
+    pictures.start()
     result = _solve(job, patch, target, main, show)
     progress("planning roads")
     lines = result.lines()

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ from fdjax.pattern.width import free_of
 from fdjax.plan.limits import Limits
 from fdjax.precision import require_float64
 from fdjax.road.holes import Holes
-from fdjax.road.porosity import FamilySamples, Samples, equal_edges, whole_lines
+from fdjax.road.porosity import Samples, equal_edges, whole_lines
 from fdjax.road.stacking import Stacking
 from fdjax.road.window import SoftWindows
 
@@ -47,7 +47,9 @@ class Design:
       `steps`, `seconds`: of all of them together.
     - `made`: whether the map converged and is unfolded.
     - `broken`: largest share by which each kind of limit is broken, where it is.
+    - `road_width`: least and largest, mm.
     - `volume`: that the target asks for in all layers together, mm^3.
+    - `limits`: of the machine, as the design kept them.
     """
 
     pattern: GridLines
@@ -57,14 +59,9 @@ class Design:
     seconds: float
     made: bool
     broken: dict[str, float]
+    road_width: tuple[float, float]
     volume: float
-
-    @property
-    def road_width(self) -> tuple[float, float]:
-        """Least and largest road width, mm."""
-        places = jnp.linspace(0, 1, 65)
-        width = self.pattern.realise(self.controls).width(places[:, None], places[None])
-        return float(width.min()), float(width.max())
+    limits: Limits
 
     def recounted(self, laid: float) -> "Design":
         """The design with as many lines as bring a plan that held `laid` mm^3 nearest to `volume`.
@@ -72,8 +69,8 @@ class Design:
         Walls, corners and holes make a plan differ from its model by some tenths of a per cent.
         """
         layers = self.pattern.stacking.layers
-        share = laid / (float(_volume(self.pattern)) * layers)
-        pattern = _refit_comb(self.pattern, self.volume / layers, share)
+        share = laid / (float(_survey(self.pattern, self.limits).volume) * layers)
+        pattern = _refit_comb(self.pattern, self.limits, self.volume / layers, share)
         return self if pattern is self.pattern else replace(self, pattern=pattern)
 
     def lines(self) -> list[list[Lines]]:
@@ -100,7 +97,7 @@ def design(
     field_knots: tuple[int, int] = (8, 6),
     smoothness: float = 1e-4,
     iterations: int = 60,
-    patience: float = 0.05,
+    patience: float = 0.1,
     span_limit: bool = True,
     nodes: tuple[int, int] = (33, 33),
     phi: float = 0.0,
@@ -152,6 +149,7 @@ def design(
     )
     elliptic_nodes = nodes if map == "elliptic" else None
     first = _first(controls, start, patch, limits, window, knots, field_knots, beta, elliptic_nodes)
+    samples = _samples(first, start, patch, window)
     pattern = GridLines(
         sides=sides,
         comb=_comb(start.comb),
@@ -159,7 +157,7 @@ def design(
         width_range=limits.road_width,
         height=layer_height,
         first=first,
-        samples=_samples(first, start, patch, window),
+        samples=samples,
         holes=Holes.of(patch.outline, width=start.width, resolution=window / 8),
         phi=phi,
         psi=psi,
@@ -167,18 +165,19 @@ def design(
         q=q,
         beta=beta,
         alpha=alpha,
+        skew_limit=jnp.full([len(each.places) for each in samples], 0.9, jnp.float64),
         kind=map,
         stacking=stacking,
         nodes=nodes,
         solver=solver or Newton(),
     )
     # No more skewed than the grid that the outline itself gives.
-    skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
+    skew = jnp.maximum(pattern.skew_limit, 1.02 * _survey(pattern, limits).skew)
     pattern = eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
     windows = SoftWindows.over(patch.outline, lambda x, y: 1 - np.asarray(target(x, y)), window)
     layer_volume = windows.total * layer_height
     if lines is None:
-        pattern = _refit_comb(pattern, layer_volume)
+        pattern = _refit_comb(pattern, limits, layer_volume)
     stages = [None, windows] if objective == "windows" and map == "elliptic" else [windows]
     stages = [None] if objective == "cells" else stages
     steps, seconds, outcome = 0, 0.0, None
@@ -191,11 +190,22 @@ def design(
         steps, seconds = steps + outcome.steps, seconds + outcome.seconds
         pattern = eqx.tree_at(lambda p: p.first, pattern, outcome.controls)
     if lines is None:
-        pattern = _refit_comb(pattern, layer_volume)
+        pattern = _refit_comb(pattern, limits, layer_volume)
     assert outcome is not None
-    made, broken = _verdict(pattern, outcome.controls, limits)
-    volume = layer_volume * layers
-    return Design(pattern, outcome.controls, outcome, steps, seconds, made, broken, volume)
+    seen = _survey(pattern, limits)
+    broken = {name: float(worst) for name, worst in seen.worst.items() if worst > 0}
+    return Design(
+        pattern=pattern,
+        controls=outcome.controls,
+        outcome=outcome,
+        steps=steps,
+        seconds=seconds,
+        made=bool(seen.made),
+        broken=broken,
+        road_width=(float(seen.width[0]), float(seen.width[1])),
+        volume=layer_volume * layers,
+        limits=limits,
+    )
 
 
 def _check_controls(map: str, controls: tuple[str, ...]) -> None:
@@ -247,19 +257,18 @@ def _first(
     )
 
 
-def _samples(
-    first: Controls, start: Start, patch: Patch, window: float
-) -> tuple[FamilySamples, FamilySamples]:
+def _samples(first: Controls, start: Start, patch: Patch, window: float) -> tuple[Samples, Samples]:
     """Samples about a fifth of a window apart, where the design starts."""
-    edges = []
-    for length, density in zip(_lengths(patch), start.density, strict=True):
+    samples = []
+    for length, density, comb in zip(_lengths(patch), start.density, start.comb, strict=True):
         count = int(np.clip(np.ceil(5 * length / window), 16, 160))
         lines = np.cumsum(density) - (density + density[0]) / 2
         share = lines / lines[-1] if first.spacing is not None else np.linspace(0, 1, len(lines))
-        edges.append(equal_edges(partial(_place, share), count))
-    across = [Samples.between(whole_lines(e, n)) for e, n in zip(edges, start.comb, strict=True)]
-    run = [Samples.between(e) for e in edges]
-    return FamilySamples(across[0], run[1]), FamilySamples(across[1], run[0])
+        edges = whole_lines(equal_edges(partial(_place, share), count), comb)
+        # Where lines are further apart than that, samples between them too.
+        pieces = 2 * int(count / len(edges) / 2 + 0.25) + 1
+        samples.append(Samples.between(edges, pieces))
+    return samples[0], samples[1]
 
 
 def _place(share: Any, t: Any) -> Any:
@@ -271,17 +280,37 @@ def _comb(counts: Sequence[int]) -> tuple[Any, Any]:
     return jnp.asarray(float(counts[0])), jnp.asarray(float(counts[1]))
 
 
-@eqx.filter_jit
-def _skew(pattern: GridLines) -> Any:
-    return pattern.skew(pattern.first)
+class _Survey(NamedTuple):
+    """What a pattern has at its first controls.
+
+    `volume` of the mean layer, mm^3; `skew` of the grid where it is limited; whether it could be
+    `made`; the `worst` share by which each kind of limit is broken, negative where it is kept;
+    least and largest road `width`, mm.
+    """
+
+    volume: Any
+    skew: Any
+    made: Any
+    worst: dict[str, Any]
+    width: tuple[Any, Any]
 
 
 @eqx.filter_jit
-def _volume(pattern: GridLines) -> Any:
-    return pattern.deposit(pattern.first)[0].volume.sum()
+def _survey(pattern: GridLines, limits: Limits) -> _Survey:
+    realised = pattern.realise(pattern.first)
+    excess = pattern.penalties(realised, limits)._asdict()
+    places = jnp.linspace(0, 1, 65)
+    width = realised.width(places[:, None], places[None])
+    return _Survey(
+        pattern.deposit(realised).volume.sum(),
+        pattern.skew(realised),
+        realised.made,
+        {name: values.max() for name, values in excess.items()},
+        (width.min(), width.max()),
+    )
 
 
-def _refit_comb(pattern: GridLines, volume: float, laid: float = 1.0) -> GridLines:
+def _refit_comb(pattern: GridLines, limits: Limits, volume: float, laid: float = 1.0) -> GridLines:
     """The pattern with as many lines, of the family that has more, as the mean asks for.
 
     `volume` is what the mean layer shall hold, mm^3; `laid` is the share of the model's volume
@@ -292,7 +321,8 @@ def _refit_comb(pattern: GridLines, volume: float, laid: float = 1.0) -> GridLin
 
     def model(extra: int) -> float:
         trial = [n + extra * (k == more) for k, n in enumerate(counts)]
-        return laid * float(_volume(eqx.tree_at(lambda p: p.comb, pattern, _comb(trial))))
+        trial_pattern = eqx.tree_at(lambda p: p.comb, pattern, _comb(trial))
+        return laid * float(_survey(trial_pattern, limits).volume)
 
     began, now = list(counts), model(0)
     # A second look, since turn-arounds change with the count; the third is for rounding.
@@ -303,17 +333,3 @@ def _refit_comb(pattern: GridLines, volume: float, laid: float = 1.0) -> GridLin
         counts[more] = max(1, counts[more] + change)
         now = model(0)
     return pattern if counts == began else eqx.tree_at(lambda p: p.comb, pattern, _comb(counts))
-
-
-@eqx.filter_jit
-def _verdict_values(pattern: GridLines, controls: Controls, limits: Limits) -> Any:
-    excess = pattern.penalties(controls, limits)
-    return pattern.realise(controls).made, [part.max() for part in excess], excess._fields
-
-
-def _verdict(
-    pattern: GridLines, controls: Controls, limits: Limits
-) -> tuple[bool, dict[str, float]]:
-    made, largest, names = _verdict_values(pattern, controls, limits)
-    worst = {name: float(value) for name, value in zip(names, largest, strict=True)}
-    return bool(made), {name: value for name, value in worst.items() if value > 0}

@@ -8,13 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from fdjax.pattern.base import AbstractPattern
+from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.plan.limits import Limits
 from fdjax.road.window import SoftWindows
 
-jax.tree_util.register_dataclass(
-    SoftWindows, ["size", "x", "y", "area", "target", "start", "total"], []
-)
+jax.tree_util.register_dataclass(SoftWindows, ["size", "start", "area", "target", "total"], [])
 
 MARGIN = 0.01
 """Share of a limit that design keeps away from it."""
@@ -32,7 +30,7 @@ class Residuals(NamedTuple):
 
     error: Float[Array, " e"]
     roughness: Float[Array, " r"]
-    penalties: Float[Array, " p"]
+    penalties: Penalties
 
 
 class Objective(eqx.Module):
@@ -50,30 +48,37 @@ class Objective(eqx.Module):
     layer_height: float
     limits: Limits = eqx.field(static=True)
     smoothness: float = 1e-3
-    barrier: float = 1.0
+    barrier: float = 3.0
 
     def __call__(self, controls: Any) -> tuple[Residuals, Bool[Array, ""]]:
         """Residuals at these controls, and whether the pattern could be made there."""
-        deposit, made = self.pattern.deposit(controls)
-        error = self._cell_error(controls) if self.windows is None else self._error(deposit)
-        penalties = self.pattern.penalties(controls, self.limits)
-        broken = [
-            self.barrier * jax.nn.relu(excess + MARGIN) / jnp.sqrt(excess.size)
-            for excess in penalties
-        ]
+        realised = self.pattern.realise(controls)
+        error = self._cell_error(realised) if self.windows is None else self._error(realised)
+        penalties = self.pattern.penalties(realised, self.limits)
+        broken = Penalties(
+            *(
+                self.barrier * jax.nn.relu(excess + MARGIN) / jnp.sqrt(excess.size)
+                for excess in penalties
+            )
+        )
         roughness = self.smoothness * self.pattern.roughness(controls)
-        return Residuals(error, roughness, jnp.concatenate(broken)), made
+        return Residuals(error, roughness, broken), realised.made
 
-    def _error(self, deposit: Any) -> Float[Array, " e"]:
-        windows = self.windows
-        got = windows.sums(deposit.xy, deposit.volume) / self.layer_height
+    def _error(self, realised: Any) -> Float[Array, " e"]:
+        windows, (xy, volume) = self.windows, self.pattern.deposit(realised)
+        # XLA finishes what a condition takes, and would else work out each point again for each
+        # of the four cells it is shared among.
+        sums = jax.lax.cond(
+            volume[0] < jnp.inf, windows.sums, lambda *_: jnp.zeros_like(windows.area), xy, volume
+        )
+        got = sums / self.layer_height
         used = windows.area > LEAST_WINDOW * windows.size**2
         area = jnp.where(used, windows.area, 1.0)
         share = jnp.where(used, windows.area, 0.0)
         difference = got / area - windows.target
         return (jnp.sqrt(share / share.sum()) * difference).ravel()
 
-    def _cell_error(self, controls: Any) -> Float[Array, " e"]:
-        xy, local, area = self.pattern.cells(controls)
+    def _cell_error(self, realised: Any) -> Float[Array, " e"]:
+        xy, local, area = self.pattern.cells(realised)
         weight = jnp.sqrt(jnp.abs(area) / jnp.abs(area).sum())
         return (weight * (local - self.target(xy[..., 0], xy[..., 1]))).ravel()

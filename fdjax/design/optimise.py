@@ -9,12 +9,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array
 
-from fdjax.design.objective import Objective, Residuals
+from fdjax.design.objective import Objective
 from fdjax.precision import require_float64
 
 SCALE = 3e3
 """Residuals are multiplied by this, so that the solver's first damping is a light one."""
+
+REJECTIONS = 8
+"""Trials in a row that may fail; the damping grows fourfold with each."""
 
 
 class Progress(NamedTuple):
@@ -47,28 +52,69 @@ _SOLVER = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
 
 
 @eqx.filter_jit
-def _residuals(controls: Any, objective: Objective) -> tuple[Residuals, Residuals]:
-    residuals, made = objective(controls)
+def _residuals(free: Array, problem: Any) -> tuple[list[Array], Array]:
+    """Scaled residuals at the free numbers, in parts, and the size of each kind of residual."""
+    objective, unravel = problem
+    residuals, made = objective(unravel(free))
     # A trial that could not be made is answered with a large error: its step is not accepted.
-    scaled = jax.tree.map(lambda r: jnp.where(made, SCALE * r, 1e3), residuals)
-    return scaled, residuals
+    scaled = [jnp.where(made, SCALE * part, 1e3) for part in jax.tree.leaves(residuals)]
+    return scaled, jnp.stack([jnp.sqrt(_squares(kind)) for kind in residuals])
+
+
+def _squares(parts: Any) -> Array:
+    return sum(((part**2).sum() for part in jax.tree.leaves(parts)), jnp.zeros(()))
 
 
 @eqx.filter_jit
-def _start(controls: Any, objective: Objective) -> Any:
-    residuals, aux = eqx.filter_eval_shape(_residuals, controls, objective)
-    return _SOLVER.init(_residuals, controls, objective, {}, residuals, aux, frozenset())
+def _condensed(free: Array, problem: Any) -> tuple[Array, Array, Array]:
+    """As many residuals as there are free numbers and one, with their Jacobian, and the sizes.
+
+    Least squares know residuals r and their Jacobian J only by r'r, J'r and J'J: those of the
+    triangular root of [J r]'[J r] are the same, and it is a hundredth of the size.
+    """
+
+    def parts(free: Array) -> tuple[list[Array], tuple[list[Array], Array]]:
+        residuals, sizes = _residuals(free, problem)
+        return residuals, (residuals, sizes)
+
+    jacobian, (residuals, sizes) = jax.jacfwd(parts, has_aux=True)(free)
+    none = jnp.zeros(())
+    square = sum((each.T @ each for each in jacobian), none)
+    edge = sum((part @ each for part, each in zip(residuals, jacobian, strict=True)), none)
+    gram = jnp.block([[square, edge[:, None]], [edge, _squares(residuals)]])
+    # Controls may leave all residuals alone; what rounding makes of that must not be negative.
+    least = 1e-14 * jnp.trace(gram) * jnp.eye(len(gram))
+    root = jnp.linalg.cholesky(gram + least, upper=True)
+    return root[:, -1], root[:, :-1], sizes
+
+
+def _condensed_residuals(free: Array, problem: Any) -> tuple[Array, Array]:
+    """The residuals of `_condensed`, and the sizes; derived by its Jacobian."""
+
+    @jax.custom_jvp
+    def values(free: Array) -> tuple[Array, Array]:
+        residuals, _, sizes = _condensed(free, problem)
+        return residuals, sizes
+
+    @values.defjvp
+    def _(primals: Any, tangents: Any) -> Any:
+        residuals, jacobian, sizes = _condensed(primals[0], problem)
+        return (residuals, sizes), (jacobian @ tangents[0], jnp.zeros_like(sizes))
+
+    return values(free)
 
 
 @eqx.filter_jit
-def _step(controls: Any, objective: Objective, state: Any) -> tuple[Any, Any, Any, Any]:
-    controls, state, _ = _SOLVER.step(_residuals, controls, objective, {}, state, frozenset())
-    done, _ = _SOLVER.terminate(_residuals, controls, objective, {}, state, frozenset())
-    return controls, state, _sizes(state.aux), done
+def _start(free: Array, problem: Any) -> Any:
+    residuals, sizes = eqx.filter_eval_shape(_condensed_residuals, free, problem)
+    return _SOLVER.init(_condensed_residuals, free, problem, {}, residuals, sizes, frozenset())
 
 
-def _sizes(residuals: Residuals) -> list[Any]:
-    return [jnp.sqrt((part**2).sum()) for part in residuals]
+@eqx.filter_jit
+def _step(free: Array, problem: Any, state: Any) -> tuple[Array, Any, Any]:
+    free, state, _ = _SOLVER.step(_condensed_residuals, free, problem, {}, state, frozenset())
+    done, _ = _SOLVER.terminate(_condensed_residuals, free, problem, {}, state, frozenset())
+    return free, state, done
 
 
 def optimise(
@@ -76,34 +122,39 @@ def optimise(
     controls: Any,
     *,
     steps: int = 40,
-    patience: float = 0.05,
+    patience: float = 0.1,
     progress: Callable[[Progress], None] | None = None,
 ) -> Outcome:
     """Minimise the objective from these controls with optimistix's Levenberg-Marquardt.
 
-    Stops after `steps` evaluations, when nothing moves any more, or when four steps in a row
-    together gain less than `patience` of the objective. `progress` is called after each step that
-    was an improvement. Requires float64.
+    Stops after `steps` evaluations, when nothing moves any more, when four improvements together
+    gain less than `patience` of the objective, or when `REJECTIONS` trials in a row gain nothing.
+    `progress` is called after each improvement. Requires float64.
     """
     require_float64()
-    # Without weak types one compiled step serves every call.
-    controls = jax.tree.map(lambda values: jnp.array(values, dtype=jnp.float64), controls)
-    began, history = time.perf_counter(), []
+    began, gained = time.perf_counter(), []
+    free, unravel = ravel_pytree(controls)
+    problem = objective, unravel
     if steps < 1:
-        error, _, penalty = _sizes(_residuals(controls, objective)[1])
-        spent = time.perf_counter() - began
-        return Outcome(controls, float(error), float(penalty), 0, False, spent)
-    state, done, error, penalty = _start(controls, objective), False, 0.0, 0.0
-    for count in range(1, steps + 1):
-        controls, state, sizes, done = _step(controls, objective, state)
-        error, roughness, penalty = (float(size) for size in sizes)
+        error, _, penalty = map(float, _residuals(free, problem)[1])
+        return Outcome(controls, error, penalty, 0, False, time.perf_counter() - began)
+    state = _start(free, problem)
+    done, count, rejected, error, penalty = False, 0, 0, 0.0, 0.0
+    while not done and count < steps:
+        free, state, stopped = _step(free, problem, state)
+        count += 1
+        error, roughness, penalty = map(float, state.aux)
         value = float(np.sqrt(error**2 + roughness**2 + penalty**2))
-        if progress and value < min(history, default=np.inf):
-            progress(Progress(count, error, value, time.perf_counter() - began))
-        history.append(value)
-        stalled = len(history) > 4 and value > (1 - patience) * history[-5]
-        if done or stalled:
-            # Where nothing was ever gained the trials failed: that is no convergence.
-            done = bool(done) or value < history[0]
-            break
-    return Outcome(controls, error, penalty, len(history), bool(done), time.perf_counter() - began)
+        if value < min(gained, default=np.inf):
+            gained.append(value)
+            rejected = 0
+            if progress:
+                progress(Progress(count, error, value, time.perf_counter() - began))
+        else:
+            rejected += 1
+        stalled = len(gained) > 4 and value > (1 - patience) * gained[-5]
+        done = bool(stopped) or stalled or rejected == REJECTIONS
+    # Where nothing was ever gained the trials failed: that is no convergence.
+    converged = done and (bool(state.terminate) or len(gained) > 1)
+    spent = time.perf_counter() - began
+    return Outcome(unravel(free), error, penalty, count, converged, spent)

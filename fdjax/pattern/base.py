@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from fdjax.plan.limits import Limits
@@ -43,22 +43,29 @@ class Lines(NamedTuple):
 
 
 class AbstractPattern(eqx.Module):
-    """A way to fill a layer domain. `controls` are the pattern's own pytree of real arrays."""
+    """A way to fill a layer domain. `controls` are the pattern's own pytree of real arrays.
+
+    `realise` turns controls into what the questions below are asked of, a pytree of the pattern's
+    own with a boolean `made`: whether the pattern could be made there.
+    """
 
     @abstractmethod
     def controls(self) -> Any:
         """The controls to start from."""
 
     @abstractmethod
-    def deposit(self, controls: Any) -> tuple[Deposit, Bool[Array, ""]]:
-        """Where the material goes, a layer's mean, and whether the pattern could be made."""
+    def realise(self, controls: Any) -> Any: ...
 
     @abstractmethod
-    def cells(self, controls: Any) -> tuple[Array, Array, Array]:
+    def deposit(self, realised: Any) -> Deposit:
+        """Where the material goes, a layer's mean."""
+
+    @abstractmethod
+    def cells(self, realised: Any) -> tuple[Array, Array, Array]:
         """Points xy (..., 2), local porosity (...) and area (...) of the pattern's own cells."""
 
     @abstractmethod
-    def penalties(self, controls: Any, limits: Limits) -> Penalties: ...
+    def penalties(self, realised: Any, limits: Limits) -> Penalties: ...
 
     @abstractmethod
     def roughness(self, controls: Any) -> Float[Array, " n"]:

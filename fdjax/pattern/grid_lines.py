@@ -1,7 +1,6 @@
 """Grid lines as roads: two families of lines of a map of the unit square."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -22,7 +21,7 @@ from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.plan.limits import Limits
 from fdjax.road import porosity
 from fdjax.road.holes import Holes
-from fdjax.road.porosity import Deposit, FamilySamples
+from fdjax.road.porosity import Deposit, Lattice, Margins, Samples
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
 
 
@@ -45,11 +44,15 @@ class Controls(eqx.Module):
 
 
 class Realised(NamedTuple):
-    """What controls amount to: the map, the road width, and whether the map could be made."""
+    """What controls amount to: the map, the road width, and whether the map could be made.
+
+    `lattice`: the map where design looks.
+    """
 
     grid: AbstractGridMap
     width: AbstractWidth
     made: Bool[Array, ""]
+    lattice: Lattice
 
 
 class GridLines(AbstractPattern):
@@ -62,9 +65,9 @@ class GridLines(AbstractPattern):
     - `phi`, `psi`, `p`, `q`: constants of the elliptic map, on the unit square.
     - `beta`, `alpha`: of eq. (1) along x and y, for "stretched".
     - `first`: the controls to start from.
-    - `samples`: where design sums the material of the xi and of the eta family.
+    - `samples`: where design looks along xi and along eta.
     - `holes`: in the domain, or None.
-    - `skew_limit`: largest |cos| of the angle between the families, one or for each place.
+    - `skew_limit`: largest |cos| of the angle between the families, one or for each of the samples.
     - `kind`: a key of `MAPS`; `nodes`, `solver`: of the elliptic map.
     """
 
@@ -74,7 +77,7 @@ class GridLines(AbstractPattern):
     width_range: tuple[float, float]
     height: float
     first: Controls
-    samples: tuple[FamilySamples, FamilySamples]
+    samples: tuple[Samples, Samples]
     holes: Holes | None = None
     phi: float = 0.0
     psi: float = 0.0
@@ -111,34 +114,31 @@ class GridLines(AbstractPattern):
             width = UniformWidth(within(controls.width, low, high))
         else:
             width = SplineWidth(controls.width, low, high)
-        return Realised(grid, width, made)
+        return Realised(grid, width, made, Lattice.of(grid, self.samples))
 
-    def deposit(self, controls: Controls) -> tuple[Deposit, Bool[Array, ""]]:
-        grid, width, made = self.realise(controls)
+    def deposit(self, realised: Realised) -> Deposit:
+        width = realised.width
         deposit = porosity.line_deposit(
-            grid, width, self.height, self.lines_per_layer, self.stacking, self.samples
+            realised.lattice, width, self.height, self.lines_per_layer, self.stacking
         )
         if self.holes is not None:
             shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
             deposit = self.holes.cut(deposit, porosity.widest(width), self.height, shares)
-        return deposit, made
+        return deposit
 
-    def cells(self, controls: Controls) -> tuple[Array, Array, Array]:
-        grid, width, _ = self.realise(controls)
-        v, u = (family.run for family in self.samples)
-        xi, eta = u.places[:, None], v.places[None]
-        xy, along = tangents(grid, xi, eta)
+    def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
+        xi, eta, xy, along = realised.lattice
+        width = realised.width(xi.places[:, None], eta.places[None])
         local = porosity.cell_porosity(
-            along, width(xi, eta), self.height, self.lines_per_layer, self.stacking
+            along, width, self.height, self.lines_per_layer, self.stacking
         )
-        return xy, local, along.jacobian * u.weights[:, None] * v.weights
+        area = along.jacobian * xi.weights[:, None] * eta.weights
+        return xy[1:-1, 1:-1], local[1:-1, 1:-1], area[1:-1, 1:-1]
 
-    def penalties(self, controls: Controls, limits: Limits) -> Penalties:
-        grid, width, _ = self.realise(controls)
-        xi, eta = self._places()
-        _, walled = tangents(grid, xi, eta)
+    def penalties(self, realised: Realised, limits: Limits) -> Penalties:
+        xi, eta, _, walled = realised.lattice
         n_xi, n_eta = self.lines_per_layer
-        least = limits.least_spacing or width(xi, eta)
+        least = limits.least_spacing or realised.width(xi.places[:, None], eta.places[None])
         # Beyond a fold spacing means nothing, and a division by J would blow up.
         positive = jnp.maximum(walled.jacobian, 1e-3 * jnp.abs(walled.jacobian).mean())
         # Lines run up to two of the walls, and lie on none.
@@ -147,25 +147,21 @@ class GridLines(AbstractPattern):
             (least * n_eta * norm(walled.xi) / positive)[:, 1:-1],
         ]
         inner = Tangents(*(tangent[1:-1, 1:-1] for tangent in walled))
-        jacobian, along_xi, along_eta = inner.jacobian, norm(inner.xi), norm(inner.eta)
-        spans = [along_eta / n_eta, along_xi / n_xi]
+        along_xi, along_eta = norm(inner.xi), norm(inner.eta)
+        # Spans vary slowly: every second place will do.
+        spans = [along_eta[::2, ::2] / n_eta, along_xi[::2, ::2] / n_xi]
         lengths = [along_eta.mean(1), along_xi.mean(0)]
         return Penalties(
-            fold=(FOLD_FLOOR - walled.jacobian / jacobian.mean()).ravel() / FOLD_FLOOR,
+            fold=(FOLD_FLOOR - walled.jacobian / inner.jacobian.mean()).ravel() / FOLD_FLOOR,
             skew=(walled.skew / self.skew_limit).ravel() - 1,
             spacing=jnp.concatenate([each.ravel() for each in closeness]) - 1,
             span=jnp.stack(spans).ravel() / limits.longest_span - 1,
             length=limits.least_road / jnp.concatenate(lengths) - 1,
         )
 
-    def skew(self, controls: Controls) -> Float[Array, "n m"]:
-        """|cos| of the angle between the families where `penalties` looks, walls included."""
-        return tangents(self.realise(controls).grid, *self._places())[1].skew
-
-    def _places(self) -> tuple[Array, Array]:
-        ends = jnp.zeros(1), jnp.ones(1)
-        v, u = (jnp.concatenate([ends[0], family.run.places, ends[1]]) for family in self.samples)
-        return u[:, None], v[None]
+    def skew(self, realised: Realised) -> Float[Array, "n m"]:
+        """|cos| of the angle between the families where design looks, walls included."""
+        return realised.lattice.along.skew
 
     def roughness(self, controls: Controls) -> Float[Array, " n"]:
         pieces = [jnp.zeros(0)]
@@ -177,16 +173,16 @@ class GridLines(AbstractPattern):
         return jnp.concatenate(pieces)
 
     def lines(self, controls: Controls, points: int = 257) -> list[list[Lines]]:
-        realised, widest = _realise(self, controls)
+        xi, eta = (
+            jnp.asarray(Scan(family).places(int(comb)))
+            for family, comb in zip(FAMILIES, self.comb, strict=True)
+        )
+        traced = _trace(self, controls, xi, eta, points)
         made: dict[Scan, Lines] = {}
-        for number, family in enumerate(FAMILIES):
-            comb = int(self.comb[number])
-            places = Scan(family).places(comb)
-            xy, width = map(np.asarray, _trace(realised, places, points, number == 1, widest))
-            for scan in {scan for layer in self.stacking.scans for scan in layer}:
-                if scan.family == family:
-                    part = slice(scan.phase, None, scan.phases)
-                    made[scan] = Lines(family, scan.parity, xy[part], width[part])
+        for scan in {scan for layer in self.stacking.scans for scan in layer}:
+            xy, width = map(np.asarray, traced[FAMILIES.index(scan.family)])
+            part = slice(scan.phase, None, scan.phases)
+            made[scan] = Lines(scan.family, scan.parity, xy[part], width[part])
         return [[made[scan] for scan in layer] for layer in self.stacking.scans]
 
 
@@ -195,38 +191,35 @@ FOLD_FLOOR = 0.02
 
 
 @eqx.filter_jit
-def _realise(pattern: GridLines, controls: Controls) -> tuple[Realised, Float[Array, ""]]:
-    realised = pattern.realise(controls)
-    return realised, porosity.widest(realised.width)
-
-
-@partial(jax.jit, static_argnames=("points", "along_xi"))
 def _trace(
-    realised: Realised, places: Array, points: int, along_xi: bool, widest: Float[Array, ""]
-) -> tuple[Array, Array]:
-    """Points of the lines at these places, from wall to wall, and the width of each segment.
+    pattern: GridLines, controls: Controls, xi: Array, eta: Array, points: int
+) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Points of the lines at these xi and at these eta, from wall to wall, and their widths.
 
-    Off the two walls that the family runs along, lines keep half of the widest road.
+    Off the two walls that a family runs along, lines keep half of the widest road.
     """
+    grid, width, _, _ = pattern.realise(controls)
     run = jnp.linspace(0, 1, points)
-    ends = jnp.array([0.0, 1.0])
-    u, v = (run, ends) if along_xi else (ends, run)
-    _, walls = tangents(realised.grid, u[:, None], v[None])
-    edge = porosity.Margins.of(walls, widest / 2)
-    if along_xi:
-        eta = places[:, None] + (edge.bottom - places[:, None] * (edge.bottom + edge.top))
-        xi = jnp.broadcast_to(run, eta.shape)
-    else:
-        xi = places[:, None] + edge.shift_xi(places)
-        eta = jnp.broadcast_to(run, xi.shape)
-    middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
-    return realised.grid(xi, eta), realised.width(middle_xi, middle_eta)
+    _, along = tangents(grid, run[:, None], run[None])
+    edge = Margins.of(along, porosity.widest(width) / 2)
+
+    def traced(xi: Array, eta: Array) -> tuple[Array, Array]:
+        middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
+        return grid(xi, eta), width(middle_xi, middle_eta)
+
+    of_xi = xi[:, None] + edge.shift_xi(xi)
+    of_eta = eta[:, None] + edge.shift_eta(eta).T
+    return (
+        traced(of_xi, jnp.broadcast_to(run, of_xi.shape)),
+        traced(jnp.broadcast_to(run, of_eta.shape), of_eta),
+    )
 
 
 def _spacings(controls: Controls) -> Spacings:
     if controls.spacing is None:
         return Spacings()
-    return Spacings(*(DensitySpacing.of(side) for side in controls.spacing))
+    sides = jax.vmap(DensitySpacing.of)(controls.spacing)
+    return Spacings(*(jax.tree.map(lambda part, k=k: part[k], sides) for k in range(4)))
 
 
 def _box(sides: Sides) -> tuple[Array, Array]:

@@ -1,5 +1,6 @@
 """Road width as a function of the place in the unit square, kept within the machine's range."""
 
+import math
 from abc import abstractmethod
 
 import equinox as eqx
@@ -50,4 +51,4 @@ def within(free: Float[Array, "..."], low: float, high: float) -> Float[Array, "
 def free_of(value: float, low: float, high: float) -> float:
     """The real number that `within` maps to `value`, kept a thousandth of the range inside."""
     share = min(max((value - low) / (high - low), 1e-3), 1 - 1e-3)
-    return float(jnp.log(share / (1 - share)))
+    return math.log(share / (1 - share))

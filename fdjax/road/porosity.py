@@ -32,22 +32,51 @@ class Deposit(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Places in (0, 1), shape (n,), and the parts of [0, 1] they stand for, which add up to 1."""
+    """Where design looks along one side of the unit square, from 0 to 1, both included.
+
+    - `places`: shape (n,), rising; the first and the last are the walls.
+    - `weights`: the parts of [0, 1] that places stand for, which add up to 1; 0 on the walls.
+    - `lines`: the same for sums over the lines across that side: 0 also where no line is looked at.
+    """
 
     places: Float[Array, " n"]
     weights: Float[Array, " n"]
+    lines: Float[Array, " n"]
 
     @classmethod
-    def between(cls, edges: np.ndarray) -> "Samples":
-        """The middles of the parts of [0, 1] between these edges."""
-        return cls(jnp.asarray((edges[1:] + edges[:-1]) / 2), jnp.asarray(np.diff(edges)))
+    def between(cls, edges: np.ndarray, pieces: int = 1) -> "Samples":
+        """Places in the parts of [0, 1] between `edges`: `pieces`, an odd number, in each.
+
+        Lines are looked at in the middle of each part.
+        """
+        parts = np.diff(edges)
+        shares = midpoints(pieces)
+        places = (edges[:-1, None] + parts[:, None] * shares).ravel()
+        lines = (parts[:, None] * (np.arange(pieces) == pieces // 2)).ravel()
+        ends = np.zeros(1), np.ones(1)
+        return cls(
+            jnp.asarray(np.concatenate([ends[0], places, ends[1]])),
+            jnp.asarray(np.pad(np.repeat(parts / pieces, pieces), 1)),
+            jnp.asarray(np.pad(lines, 1)),
+        )
 
 
-class FamilySamples(NamedTuple):
-    """Where design looks at one family: `across` its lines, and along their `run`."""
+class Lattice(NamedTuple):
+    """A map and its tangents where design looks, walls included.
 
-    across: Samples
-    run: Samples
+    - `xi`, `eta`: the samples along them, n and m.
+    - `xy`: shape (n, m, 2), mm; `along`: tangents there.
+    """
+
+    xi: Samples
+    eta: Samples
+    xy: Float[Array, "n m 2"]
+    along: Tangents
+
+    @classmethod
+    def of(cls, grid: AbstractGridMap, samples: tuple[Samples, Samples]) -> "Lattice":
+        xi, eta = samples
+        return cls(xi, eta, *tangents(grid, xi.places[:, None], eta.places[None]))
 
 
 def equal_edges(spacing: Callable[[np.ndarray], np.ndarray], count: int) -> np.ndarray:
@@ -99,52 +128,45 @@ class Margins(NamedTuple):
 
 
 def line_deposit(
-    grid: AbstractGridMap,
+    lattice: Lattice,
     width: Callable[[Array, Array], Array],
     height: float,
     lines: tuple[Float[Array, ""], Float[Array, ""]],
     stacking: Stacking,
-    samples: tuple[FamilySamples, FamilySamples],
 ) -> Deposit:
     """Where the families of grid lines put their material, turn-arounds included.
 
     - `width`: road width in mm as a function of (xi, eta).
     - `lines`: lines of each family on a layer that has it; need not be whole numbers, since with
       several phases the layers differ.
-    - `samples`: of the xi family and of the eta family.
 
     Lines keep half a road from the walls: the lattice is squeezed by that much, to first order.
     Between two lines the path runs along one wall or the other in turn, so over the layers half
     of each wall is covered, less where a family begins and ends. Differentiable in everything but
     the integers.
     """
-    clearance = widest(width) / 2
-    xy, volume = [], []
-    for family, (across, run) in enumerate(samples):
-        # The lattice of samples, and the walls around it.
-        axes = (across, run) if family == 0 else (run, across)
-        u, v = (jnp.concatenate([jnp.zeros(1), each.places, jnp.ones(1)]) for each in axes)
-        points, along = tangents(grid, u[:, None], v[None])
-        edge = Margins.of(along, clearance)
-        shift_xi, shift_eta = edge.shift_xi(u), edge.shift_eta(v)
-        points += along.xi * shift_xi[..., None] + along.eta * shift_eta[..., None]
-        area = section_area(width(u[:, None] + shift_xi, v[None] + shift_eta), height)
-        if family == 0:
-            length = norm(along.eta) * (1 - edge.bottom - edge.top)[:, None]
-        else:
-            points, area = points.swapaxes(0, 1), area.T
-            length = (norm(along.xi) * (1 - edge.left - edge.right)).T
-        # Centre line on the mean layer: this family's lines, and where the other one turns along
-        # the two walls beside them.
-        own = stacking.layer_share(FAMILIES[family]) * lines[family] * across.weights[:, None]
-        turns = stacking.layer_share(FAMILIES[1 - family]) * _covered(run.places, lines[1 - family])
-        shares = jnp.concatenate(
-            [turns[None], jnp.broadcast_to(own, (len(own), len(turns))), turns[None]]
-        )
-        points, area, length = points[:, 1:-1], area[:, 1:-1], length[:, 1:-1]
-        xy.append(points.reshape(-1, 2))
-        volume.append((area * length * shares * run.weights).ravel())
-    return Deposit(jnp.concatenate(xy), jnp.concatenate(volume))
+    xi, eta, along = lattice.xi, lattice.eta, lattice.along
+    edge = Margins.of(along, widest(width) / 2)
+    shift_xi, shift_eta = edge.shift_xi(xi.places), edge.shift_eta(eta.places)
+    xy = lattice.xy + along.xi * shift_xi[..., None] + along.eta * shift_eta[..., None]
+    area = section_area(width(xi.places[:, None] + shift_xi, eta.places + shift_eta), height)
+    # Centre line on the mean layer along eta and along xi: the lines of a family, and on the walls
+    # the turn-arounds of the other one.
+    share = [stacking.layer_share(family) for family in FAMILIES]
+    turns_along_eta = share[1] * _covered(eta.places, lines[1])
+    turns_along_xi = share[0] * _covered(xi.places, lines[0])
+    walls_xi, walls_eta = _walls(xi.places), _walls(eta.places)
+    run_along_eta = share[0] * lines[0] * xi.lines[:, None] + walls_xi[:, None] * turns_along_eta
+    run_along_xi = share[1] * lines[1] * eta.lines + walls_eta * turns_along_xi[:, None]
+    along_eta = norm(along.eta) * (1 - edge.bottom - edge.top)[:, None] * eta.weights
+    along_xi = norm(along.xi) * (1 - edge.left - edge.right) * xi.weights[:, None]
+    volume = area * (run_along_eta * along_eta + run_along_xi * along_xi)
+    return Deposit(xy.reshape(-1, 2), volume.ravel())
+
+
+def _walls(places: Float[Array, " n"]) -> np.ndarray:
+    """1 at the first and the last place, 0 between."""
+    return np.pad(np.zeros(len(places) - 2), 1, constant_values=1)
 
 
 def _covered(places: Float[Array, " n"], lines: Float[Array, ""]) -> Float[Array, " n"]:

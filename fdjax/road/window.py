@@ -22,20 +22,18 @@ class SoftWindows:
     """A lattice of soft windows over an outline, every half a size in x and in y.
 
     - `size`: side of a window between the middles of its edges, mm.
-    - `x`, `y`: middles of the windows' low and high edges, shapes (nx, 2), (ny, 2), mm; far away
-      where an edge lies on or beyond the outline's bounding box, since nothing slides across.
+    - `start`: middle of the first window, shape (2,), mm: the corner of the outline's bounding box.
     - `area`: of the outline in each window, shape (nx, ny), mm^2.
     - `target`: mean solid share asked for in each window, shape (nx, ny); 0 where area is 0.
-    - `start`: middle of the first window, shape (2,), mm.
     - `total`: integral of the solid share asked for over the outline, mm^2.
+
+    Edges on the bounding box are hard: nothing slides across them.
     """
 
     size: float
-    x: Floats
-    y: Floats
+    start: Floats
     area: Floats
     target: Floats
-    start: Floats
     total: float
 
     @classmethod
@@ -54,8 +52,9 @@ class SoftWindows:
         area = _cut_cells(outline, corner_x, corner_y)
         xx, yy = np.meshgrid(mid_x, mid_y, indexing="ij")
         asked = np.where(area > 0, np.asarray(target(xx, yy)), 0.0)
-        x, y = _edges(x0, x1, size), _edges(y0, y1, size)
-        empty = cls(size, x, y, np.zeros(()), np.zeros(()), np.array([x0, y0]), 0.0)
+        windows = np.ceil([(x1 - x0) * 2 / size - 1e-6, (y1 - y0) * 2 / size - 1e-6]).astype(int)
+        nothing = np.zeros(np.maximum(windows, 1) + 1)
+        empty = cls(size, np.array([x0, y0]), nothing, nothing, 0.0)
         points = np.stack([xx.ravel(), yy.ravel()], 1)
         sums, asked_sums = (
             empty.sums(points, area.ravel()),
@@ -70,40 +69,35 @@ class SoftWindows:
 
     def sums(self, xy: Any, amounts: Any) -> Any:
         """Amounts (n,) at points xy (n, 2) summed in each window, shape (nx, ny)."""
-        i, in_x = self._around(xy[:, 0], self.x, self.start[0])
-        j, in_y = self._around(xy[:, 1], self.y, self.start[1])
+        # Each window is two by two cells between neighbouring edges, and no two edges' rises
+        # overlap: a point lies in two by two cells. A margin of empty cells surrounds them all.
+        nx, ny = (count + 1 for count in self.area.shape)
+        i, in_x = self._cells_around(xy[:, 0] - self.start[0], nx - 2)
+        j, in_y = self._cells_around(xy[:, 1] - self.start[1], ny - 2)
         parts = in_x[:, :, None] * in_y[:, None, :] * amounts[:, None, None]
-        place = i[:, :, None] * len(self.y) + j[:, None, :]
-        total = len(self.x) * len(self.y)
+        place = i[:, :, None] * ny + j[:, None, :]
         if namespace(xy, amounts) is np:
-            sums = np.bincount(place.ravel(), parts.ravel(), total)
+            sums = np.bincount(place.ravel(), parts.ravel(), nx * ny)
         else:
-            sums = namespace(xy, amounts).zeros(total).at[place.ravel()].add(parts.ravel())
-        return sums.reshape(len(self.x), len(self.y))
+            sums = namespace(xy, amounts).zeros(nx * ny).at[place.ravel()].add(parts.ravel())
+        sums = sums.reshape(nx, ny)
+        sums = sums[1:] + sums[:-1]
+        return sums[:, 1:] + sums[:, :-1]
 
-    def _around(self, places: Any, edges: Any, start: Any) -> tuple[Any, Any]:
-        """The three windows, shape (n, 3), that a place may lie in, and its weights there."""
-        xp = namespace(places)
-        nearest = xp.round((places - start) * (2 / self.size)).astype(int)
-        windows = xp.clip(nearest - 1, 0, len(edges) - 3)[:, None] + np.arange(3)
-        edges = xp.asarray(edges)[windows]
-        rise = xp.clip((places[:, None, None] - edges) * (2 / self.size) + 0.5, 0.0, 1.0)
+    def _cells_around(self, distance: Any, cells: int) -> tuple[Any, Any]:
+        """The cells before and after the nearest edge, shape (n, 2), and the shares in them.
+
+        Cells are numbered from 1. An edge rises over half a window, once continuously
+        differentiable.
+        """
+        xp = namespace(distance)
+        distance = distance * (2 / self.size)
+        edge = xp.clip(xp.round(distance), 0, cells)
+        rise = xp.clip(distance - edge + 0.5, 0.0, 1.0)
         rise = rise * rise * (3 - 2 * rise)
-        return windows, rise[..., 0] - rise[..., 1]
-
-
-def _edges(start: float, end: float, size: float) -> Floats:
-    """Low and high edges of windows every half size, the first and last half outside, at least 3.
-
-    An edge rises over half a window, once continuously differentiable, so that windows a size
-    apart add up to one.
-    """
-    middle = start + np.arange(max(3, int(np.ceil((end - start) * 2 / size - 1e-6)) + 1)) * size / 2
-    low, high = middle - size / 2, middle + size / 2
-    slack = 1e-6 * size
-    low = np.select([low <= start + slack, low >= end - slack], [-1e9, 1e9], low)
-    high = np.where(high >= end - slack, 1e9, high)
-    return np.stack([low, high], 1)
+        rise = xp.where(edge == 0, 1.0, xp.where(edge == cells, 0.0, rise))
+        cells_around = edge.astype(int)[:, None] + np.arange(2)
+        return cells_around, np.array([1.0, 0.0]) + rise[:, None] * np.array([-1.0, 1.0])
 
 
 def _cells(start: float, end: float, side: float) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ from fdjax.grid.base import Sides
 from fdjax.grid.solvers import Newton
 from fdjax.pattern.grid_lines import Controls, GridLines
 from fdjax.plan.limits import Limits
-from fdjax.road.porosity import FamilySamples, Samples
+from fdjax.road.porosity import Samples
 from fdjax.road.stacking import Stacking
 from fdjax.road.window import SoftWindows
 
@@ -52,7 +52,7 @@ def problem(kind, patch, controls):
         width_range=LIMITS.road_width,
         height=0.2,
         first=controls,
-        samples=(FamilySamples(places, places),) * 2,
+        samples=(places, places),
         kind=kind,
         stacking=Stacking("alternate-staggered", 2, 4),
         nodes=(13, 11),
@@ -64,8 +64,8 @@ def problem(kind, patch, controls):
         totals = []
         for each in (windows, None):
             residuals, made = Objective(pattern, each, target, 0.2, LIMITS, 1e-2)(controls)
-            totals.append(sum((part**2).sum() for part in residuals) / 2)
-        return jnp.stack(totals), (residuals.penalties > 0, made)
+            totals.append(sum((part**2).sum() for part in jax.tree.leaves(residuals)) / 2)
+        return jnp.stack(totals), (jnp.concatenate(residuals.penalties) > 0, made)
 
     return values
 

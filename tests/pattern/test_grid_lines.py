@@ -14,7 +14,7 @@ from fdjax.errors import InputError
 from fdjax.grid.base import Sides
 from fdjax.pattern.grid_lines import MAPS, Controls, GridLines
 from fdjax.plan.limits import Limits
-from fdjax.road.porosity import FamilySamples, Samples
+from fdjax.road.porosity import Samples
 from fdjax.road.stacking import Stacking
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
@@ -32,7 +32,7 @@ def plan(kind="uniform", comb=(20, 12), patch=PLATE, **more):
             "width_range": (0.3, 0.8),
             "height": 0.2,
             "first": Controls(),
-            "samples": (FamilySamples(EVENLY, EVENLY),) * 2,
+            "samples": (EVENLY, EVENLY),
             "kind": kind,
             "nodes": (9, 9),
             **more,
@@ -130,7 +130,9 @@ LIMITS = Limits(least_spacing=0.8, longest_span=4.0, least_road=10.0)
 
 
 def penalties(pattern, limits=LIMITS, controls=None):
-    return eqx.filter_jit(pattern.penalties)(controls or Controls(), limits)
+    return eqx.filter_jit(lambda p, c: p.penalties(p.realise(c), limits))(
+        pattern, controls or Controls()
+    )
 
 
 def test_penalties_of_a_plate_are_shares_of_its_limits():
@@ -170,7 +172,8 @@ def test_skew_is_the_cosine_of_the_angle_between_the_families():
     ring = [(0, 0), (40, 0), (58, 24), (18, 24)]
     slanted = from_polygon(shapely.Polygon(ring), corners=ring)
     pattern = plan("transfinite", patch=slanted)
-    np.testing.assert_allclose(eqx.filter_jit(pattern.skew)(Controls()), 18 / 30, rtol=1e-9)
+    skew = eqx.filter_jit(lambda p: p.skew(p.realise(Controls())))(pattern)
+    np.testing.assert_allclose(skew, 18 / 30, rtol=1e-9)
     assert float(penalties(pattern).skew.max()) == pytest.approx(0.6 / 0.9 - 1)
 
 

@@ -8,7 +8,7 @@ from fdjax.grid.base import Sides
 from fdjax.pattern.grid_lines import Controls, GridLines
 from fdjax.plan.trace import lay
 from fdjax.road.bead import section_area
-from fdjax.road.porosity import FamilySamples, Samples
+from fdjax.road.porosity import Samples
 from fdjax.road.stacking import FAMILIES, Stacking
 
 WIDTH, HEIGHT = 0.4, 0.2
@@ -26,7 +26,7 @@ def pattern(patch, lines, phases=1, *, both=False, kind="uniform", samples=400, 
         width_range=(0.3, 0.8),
         height=HEIGHT,
         first=Controls(),
-        samples=(FamilySamples(places, places),) * 2,
+        samples=(places, places),
         kind=kind,
         stacking=Stacking(mode, phases, phases if both else 2 * phases),
         **more,
@@ -35,7 +35,7 @@ def pattern(patch, lines, phases=1, *, both=False, kind="uniform", samples=400, 
 
 @eqx.filter_jit
 def _deposit(pattern):
-    return pattern.deposit(pattern.first)[0]
+    return pattern.deposit(pattern.realise(pattern.first))
 
 
 def deposit(pattern):
