@@ -1,16 +1,18 @@
 """Elliptic grids: solved once at nodes, differentiated implicitly, defined everywhere."""
 
+from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from fdjax.grid import block_tridiagonal, bspline, winslow
+from fdjax.grid import block_tridiagonal, bspline, multigrid, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite
 from fdjax.grid.base import AbstractGridMap, Sides
-from fdjax.grid.solvers import AbstractSolver, Newton, Report
+from fdjax.grid.solvers import AbstractSolver, Multigrid, Report
 from fdjax.grid.winslow import ControlFunctions
 from fdjax.precision import require_float64
 
@@ -39,20 +41,52 @@ def _solve_jvp(solver: AbstractSolver, primals: tuple, tangents: tuple) -> tuple
     r, report = solve(solver, start, controls)
     boundary_dot = start_dot.at[1:-1, 1:-1].set(0.0)
     _, residual_dot = jax.jvp(winslow.residual, (r, controls), (boundary_dot, controls_dot))
-    factors = block_tridiagonal.factor(winslow.linearise(r, controls))
 
     def apply(change: Array) -> Array:
         inside = jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
         return jax.jvp(lambda nodes: winslow.residual(nodes, controls), (r,), (inside,))[1]
 
+    solve_forward, solve_transposed = _linear_solves(r, controls)
     inside_dot = jax.lax.custom_linear_solve(
         apply,
         -residual_dot,
-        solve=lambda _, b: block_tridiagonal.solve(factors, b),
-        transpose_solve=lambda _, b: block_tridiagonal.solve_transposed(factors, b),
+        solve=lambda _, b: solve_forward(b),
+        transpose_solve=lambda _, b: solve_transposed(b),
     )
     r_dot = boundary_dot.at[1:-1, 1:-1].set(inside_dot)
     return (r, report), (r_dot, jax.tree.map(_no_tangent, report))
+
+
+ELIMINATED = 64
+"""Lattices with at most so many nodes along each line are linearised by elimination."""
+
+_Solve = Callable[[Float[Array, "i j 2"]], Float[Array, "i j 2"]]
+
+
+def _linear_solves(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> tuple[_Solve, _Solve]:
+    """Solutions of the linearised equations and of their transpose, for any number of right sides.
+
+    Elimination serves many right sides at little more than the cost of one, but its own cost grows
+    with the cube of a line's nodes; multigrid's grows with the nodes, for each right side.
+    """
+    if r.shape[1] <= ELIMINATED:
+        factors = block_tridiagonal.factor(winslow.linearise(r, controls))
+        return (
+            lambda b: block_tridiagonal.solve(factors, b),
+            lambda b: block_tridiagonal.solve_transposed(factors, b),
+        )
+    equations, nodes = multigrid.equations_of(controls), multigrid.planes(r)
+
+    def by_cycles(operator: Any) -> _Solve:
+        levels = multigrid.linear_levels(nodes, equations, operator)
+
+        def solve(b: Float[Array, "i j 2"]) -> Float[Array, "i j 2"]:
+            rhs = multigrid.planes(jnp.pad(b, ((1, 1), (1, 1), (0, 0))))
+            return multigrid.points(multigrid.solve_linear(levels, rhs))[1:-1, 1:-1]
+
+        return solve
+
+    return by_cycles(multigrid.Linearised), by_cycles(multigrid.Transposed)
 
 
 def _no_tangent(value: Array) -> Array:
@@ -121,7 +155,7 @@ class Elliptic(eqx.Module):
     q: Float[Array, "..."] | float = 0.0
     nodes: tuple[int, int] = eqx.field(static=True, default=(41, 41))
     follow_sides: bool = eqx.field(static=True, default=False)
-    solver: AbstractSolver = eqx.field(static=True, default=Newton())
+    solver: AbstractSolver = eqx.field(static=True, default=Multigrid())
 
     def __check_init__(self) -> None:
         if min(self.nodes) < 5:

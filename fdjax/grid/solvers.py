@@ -6,28 +6,86 @@ takes from the equations themselves.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from fdjax.grid import block_tridiagonal, winslow
+from fdjax.grid import block_tridiagonal, multigrid, winslow
+from fdjax.grid.multigrid import GridEquations, Pair
 from fdjax.grid.winslow import ControlFunctions
+
+CONVERGED, STALLED, TOO_LONG = 0, 1, 2
+REASONS = (
+    "converged",
+    "no step of any length lowers the correction any more",
+    "as many iterations as are allowed",
+)
+"""Why a solver stopped, by `Report.reason`."""
+
+HISTORY = 64
+"""Iterations that a report remembers."""
 
 
 class Report(NamedTuple):
     """How a solve went.
 
     - `correction`: mean Gauss-Seidel correction at the end over that of the starting lattice.
-    - `folded`: whether a cell of the result has a corner that is not convex.
+    - `folded`: whether a cell of the result has a corner that is not convex: a grid may converge
+      to a folded one.
+    - `reason`: index into `REASONS`.
+    - `history`: the correction before and after each of the first iterations, then NaN.
     """
 
     iterations: Int[Array, ""]
     correction: Float[Array, ""]
     converged: Bool[Array, ""]
     folded: Bool[Array, ""]
+    reason: Int[Array, ""]
+    history: Float[Array, " HISTORY"]
+
+    @classmethod
+    def of(
+        cls, r: Float[Array, "ni nj 2"], progress: "_Progress", goal: Array, limit: int
+    ) -> "Report":
+        size, steps, _, history = progress
+        first = jnp.where(history[0] > 0, history[0], 1.0)
+        converged = size <= goal
+        reason = jnp.where(steps >= limit, TOO_LONG, STALLED)
+        reason = jnp.where(converged, CONVERGED, reason)
+        return cls(
+            steps,
+            size / first,
+            converged,
+            multigrid.folded(multigrid.planes(r)),
+            reason,
+            history / first,
+        )
+
+
+class _Progress(NamedTuple):
+    """Mean correction now, mm; iterations; whether none helps any more; corrections so far."""
+
+    size: Float[Array, ""]
+    steps: Int[Array, ""]
+    stuck: Bool[Array, ""]
+    history: Float[Array, " HISTORY"]
+
+    @classmethod
+    def begun(cls, size: Float[Array, ""]) -> "_Progress":
+        history = jnp.full(HISTORY, jnp.nan).at[0].set(size)
+        return cls(size, jnp.asarray(0), jnp.asarray(False), history)
+
+    def after(self, size: Float[Array, ""], stuck: Array | bool = False) -> "_Progress":
+        steps = self.steps + 1
+        history = self.history.at[steps].set(size, mode="drop")
+        return _Progress(size, steps, jnp.asarray(stuck), history)
+
+    def unfinished(self, goal: Array, limit: int) -> Bool[Array, ""]:
+        return (self.size > goal) & (self.steps < limit) & ~self.stuck
 
 
 class AbstractSolver(ABC):
@@ -42,10 +100,6 @@ class AbstractSolver(ABC):
 def _goal(start: Float[Array, "ni nj 2"], first: Float[Array, ""], tolerance: float) -> Array:
     """The mean correction to reach, mm: as asked, but not below what rounding leaves."""
     return jnp.maximum(tolerance * first, 8 * jnp.finfo(start.dtype).eps * jnp.abs(start).max())
-
-
-def _folded(r: Float[Array, "ni nj 2"]) -> Bool[Array, ""]:
-    return winslow.corner_jacobians(r).min() <= 0
 
 
 @dataclass(frozen=True)
@@ -67,43 +121,94 @@ class Newton(AbstractSolver):
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
         first = winslow.mean_correction(start, controls)
         goal = _goal(start, first, self.tolerance)
-
-        def unfinished(state: tuple) -> Array:
-            _, size, steps, stuck = state
-            return (size > goal) & (steps < self.max_steps) & ~stuck
+        equations = multigrid.equations_of(controls)
 
         def step(state: tuple) -> tuple:
-            r, size, steps, _ = state
+            r, progress = state
             rhs = -winslow.residual(r, controls)
             change = block_tridiagonal.solve(
                 block_tridiagonal.factor(winslow.linearise(r, controls)), rhs
             )
-            change = jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
-            keep_unfolded = ~_folded(r)
-
-            def good(trial: tuple) -> Array:
-                _, r_new, size_new = trial
-                return (size_new < size) & ~(keep_unfolded & _folded(r_new))
-
-            def refused(trial: tuple) -> Array:
-                return ~good(trial) & (trial[0] > 0.5**self.halvings)
-
-            def shorter(trial: tuple) -> tuple:
-                share = trial[0] / 2
-                r_new = r + share * change
-                return share, r_new, winslow.mean_correction(r_new, controls)
-
-            trial = jax.lax.while_loop(
-                refused, shorter, shorter((jnp.asarray(2.0, r.dtype), r, size))
+            trial = r + jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
+            cut, size, better = _cut_back(
+                multigrid.planes(r),
+                multigrid.planes(trial),
+                progress.size,
+                equations,
+                self.halvings,
             )
-            better, (_, r_new, size_new) = good(trial), trial
-            r, size = jnp.where(better, r_new, r), jnp.where(better, size_new, size)
-            return r, size, steps + 1, ~better
+            return multigrid.points(cut), progress.after(size, ~better)
 
-        state = (start, first, jnp.asarray(0), jnp.asarray(False))
-        r, size, steps, _ = jax.lax.while_loop(unfinished, step, state)
-        scale = jnp.where(first > 0, first, 1.0)
-        return r, Report(steps, size / scale, size <= goal, _folded(r))
+        r, progress = _iterate(step, start, first, goal, self.max_steps)
+        return r, Report.of(r, progress, goal, self.max_steps)
+
+
+def _iterate(
+    step: Callable[[tuple], tuple], start: Any, first: Array, goal: Array, limit: int
+) -> tuple[Any, "_Progress"]:
+    """Steps from a lattice, however it is kept, until `goal` mm, `limit` steps or no way on."""
+    return jax.lax.while_loop(
+        lambda state: state[1].unfinished(goal, limit), step, (start, _Progress.begun(first))
+    )
+
+
+def _cut_back(
+    u: Pair, trial: Pair, size: Float[Array, ""], equations: GridEquations, halvings: int
+) -> tuple[Pair, Float[Array, ""], Bool[Array, ""]]:
+    """The longest of the steps 1, 1/2, 1/4 ... from u to `trial` that is good, if any is.
+
+    A good step lowers the mean correction `size` and keeps an unfolded lattice unfolded. Returns
+    the lattice, its mean correction, and whether a step was taken.
+    """
+    keep_unfolded = ~multigrid.folded(u)
+
+    def judged(share: Array) -> tuple:
+        there = jax.tree.map(lambda old, new: old + share * (new - old), u, trial)
+        size_there = multigrid.mean_correction(equations, there)
+        good = (size_there < size) & ~(keep_unfolded & multigrid.folded(there))
+        return share, there, size_there, good
+
+    _, there, size_there, good = jax.lax.while_loop(
+        lambda state: ~state[3] & (state[0] > 0.5**halvings),
+        lambda state: judged(state[0] / 2),
+        judged(jnp.ones(())),
+    )
+    u = jax.tree.map(lambda old, new: jnp.where(good, new, old), u, there)
+    return u, jnp.where(good, size_there, size), good
+
+
+@dataclass(frozen=True)
+class Multigrid(AbstractSolver):
+    """Full multigrid, line-relaxed: `fdjax.grid.multigrid`; the solver of choice for any size.
+
+    The first iteration is a full-multigrid start, the others are W-cycles, each cut back like a
+    Newton step where it folds the lattice or does not help. Stops when the mean correction is
+    below `tolerance` times that of the starting lattice, or as small as rounding lets it be.
+    """
+
+    tolerance: float = 1e-10
+    max_cycles: int = 60
+    halvings: int = 3
+
+    def solve(
+        self, start: Float[Array, "ni nj 2"], controls: ControlFunctions
+    ) -> tuple[Float[Array, "ni nj 2"], Report]:
+        equations, begun = multigrid.equations_of(controls), multigrid.planes(start)
+        levels = multigrid.hierarchy(equations)
+        first = multigrid.mean_correction(equations, begun)
+        goal = _goal(start, first, self.tolerance)
+        none = jax.tree.map(jnp.zeros_like, begun)
+
+        def step(state: tuple) -> tuple:
+            u, progress = state
+            fresh = progress.steps == 0
+            trial = multigrid.cycles(levels, u, none, fresh=fresh)
+            u, size, better = _cut_back(u, trial, progress.size, equations, self.halvings)
+            return u, progress.after(size, ~better & ~fresh)
+
+        found, progress = _iterate(step, begun, first, goal, self.max_cycles)
+        r = multigrid.points(found)
+        return r, Report.of(r, progress, goal, self.max_cycles)
 
 
 @dataclass(frozen=True)
@@ -138,16 +243,11 @@ class SOR(AbstractSolver):
             )
             return r, met + jnp.abs(change).mean()
 
-        def sweep(state: tuple) -> tuple:
-            r, _, sweeps = state
+        def step(state: tuple) -> tuple:
+            r, progress = state
             count = (ni - 2) * (nj - 2)
             r, met = jax.lax.fori_loop(0, count, relax_node, (r, jnp.zeros((), r.dtype)))
-            return r, met / count, sweeps + 1
+            return r, progress.after(met / count)
 
-        def unfinished(state: tuple) -> Array:
-            _, size, sweeps = state
-            return (size > goal) & (sweeps < self.max_sweeps)
-
-        r, size, sweeps = jax.lax.while_loop(unfinished, sweep, (start, first, jnp.asarray(0)))
-        scale = jnp.where(first > 0, first, 1.0)
-        return r, Report(sweeps, size / scale, size <= goal, _folded(r))
+        r, progress = _iterate(step, start, first, goal, self.max_sweeps)
+        return r, Report.of(r, progress, goal, self.max_sweeps)

@@ -1,0 +1,172 @@
+"""Elliptic grids against compiled programs: one run, medians, ratios.
+
+    python tests/benchmarks/grids.py [--peers FOLDER] [--sides 129 257 513 1025] [--sor]
+
+The domain is that of the paper's eq. (8), solved until the mean Gauss-Seidel correction is 1e-8 of
+its value on the transfinite grid. FOLDER holds `winslow_fas.c` (multigrid) and `winslow_sor.c`
+(point relaxation at its best factor, with --sor: 40 s at 1025 nodes a side); both are compiled with
+the machine's C compiler and timed beside fdjax. Without the folder the times stand alone.
+"""
+
+import argparse
+import re
+import resource
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from fdjax.domain.patch import cosine_top
+from fdjax.grid.algebraic import Transfinite
+from fdjax.grid.base import Sides
+from fdjax.grid.elliptic import solve
+from fdjax.grid.solvers import Multigrid
+from fdjax.grid.winslow import ControlFunctions
+
+TOLERANCE = 1e-8
+SOLVER = Multigrid(TOLERANCE)
+
+
+def transfinite(ni: int, nj: int) -> jax.Array:
+    """The starting lattice, shape (ni, nj, 2)."""
+    xi, eta = jnp.linspace(0, 1, ni)[:, None], jnp.linspace(0, 1, nj)[None]
+    return jax.jit(Transfinite(Sides.of(cosine_top())))(xi, eta)
+
+
+def constant(ni: int, nj: int, phi: float = 0.0, psi: float = 0.0) -> ControlFunctions:
+    """Controls given as those per index step of a lattice of 51 x 51 nodes."""
+    zero = jnp.zeros((ni - 2, nj - 2))
+    return ControlFunctions(zero + phi * 50 / (ni - 1), zero + psi * 50 / (nj - 1), zero, zero)
+
+
+def timed(run: Callable[..., object], *arguments: object, repeats: int = 5) -> float:
+    """Median seconds of a run that is compiled already."""
+    seconds = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        jax.block_until_ready(run(*arguments))
+        seconds.append(time.perf_counter() - began)
+    return statistics.median(seconds)
+
+
+def cold(run: Callable[..., object], *arguments: object) -> float:
+    """Seconds of the first run, compiling included."""
+    return timed(run, *arguments, repeats=1)
+
+
+def peer(folder: Path | None, name: str, *arguments: object) -> float | None:
+    """Wall seconds that a compiled program says it took."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if folder is None or compiler is None:
+        return None
+    with tempfile.TemporaryDirectory() as made:
+        program = Path(made) / name
+        flags = ["-O3", "-march=native", "-ffast-math", str(folder / f"{name}.c"), "-lm"]
+        subprocess.run([compiler, *flags, "-o", str(program)], check=True)
+        said = subprocess.run(
+            [str(program), *map(str, arguments)], check=True, capture_output=True, text=True
+        ).stdout
+    found = re.search(r"wall\s+([0-9.]+)\s*s", said) or re.search(r"cpu\s+([0-9.]+)\s*s", said)
+    assert found, said
+    return float(found[1])
+
+
+def ratio(mine: float, other: float | None) -> str:
+    return "-" if other is None else f"{mine / other:.2f}"
+
+
+def single(folder: Path | None, sides: list[int], sor: bool) -> None:
+    print("one grid           compile s   warm s  cycles  cycles at 0.03   to FAS   SOR to this")
+    for ni, nj in ((51, 31), *((side, side) for side in sides)):
+        start = transfinite(ni, nj)
+        run = jax.jit(SOLVER.solve)
+        none, pulled = constant(ni, nj), constant(ni, nj, 0.03, -0.03)
+        first = cold(run, start, none)
+        warm = timed(run, start, none, repeats=20 if ni < 200 else 5)
+        cycles, bent = (run(start, controls)[1] for controls in (none, pulled))
+        assert cycles.converged
+        assert bent.converged
+        fas = peer(folder, "winslow_fas", ni, nj, TOLERANCE, 1, 1, 3, 1, 1)
+        point = peer(folder, "winslow_sor", ni, nj, 0, TOLERANCE, 10**7) if sor else None
+        print(
+            f"{ni:5} x {nj:<5} {first:15.1f} {warm:9.4f} {int(cycles.iterations):7} "
+            f"{int(bent.iterations):13} {ratio(warm, fas):>12} "
+            f"{'-' if point is None else f'{point / warm:.1f}':>10}",
+            flush=True,
+        )
+
+
+def gradient(sides: list[int]) -> None:
+    print("gradient           compile s   warm s   to the solve   KiB a node, peak, all told")
+    for side in sides:
+        start, controls = transfinite(side, side), constant(side, side, 0.03, -0.03)
+        weight = jnp.asarray(np.random.default_rng(1).normal(size=start.shape))
+
+        def scalar(start, controls, weight=weight):
+            return (weight * solve(SOLVER, start, controls)[0]).sum()
+
+        forward, both = jax.jit(scalar), jax.jit(jax.value_and_grad(scalar, argnums=(0, 1)))
+        cold(forward, start, controls)
+        alone = timed(forward, start, controls, repeats=5)
+        first = cold(both, start, controls)
+        warm = timed(both, start, controls, repeats=5)
+        assert all(jnp.isfinite(g).all() for g in jax.tree.leaves(both(start, controls)[1]))
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / side**2
+        print(
+            f"{side:5} x {side:<5} {first:15.1f} {warm:9.4f} {warm / alone:12.2f} {peak:12.2f}",
+            flush=True,
+        )
+
+
+def batch(count: int, side: int, large: int) -> None:
+    rng = np.random.default_rng(2)
+    start = transfinite(side, side)
+    # Boundaries that differ in height and lean, controls that differ in sign and size.
+    stretch = jnp.asarray(rng.uniform(0.7, 1.3, (count, 2, 1)))
+    starts = start * stretch.swapaxes(1, 2)[:, None]
+    pulls = jnp.asarray(rng.uniform(-1.5, 1.5, (count, 2, 1, 1)) / (side - 1))
+    controls = jax.vmap(
+        lambda pull: ControlFunctions(
+            *(constant(side, side)[k] + pull[k] for k in (0, 1)), *constant(side, side)[2:]
+        )
+    )(pulls)
+    run = jax.jit(jax.vmap(SOLVER.solve))
+    first = cold(run, starts, controls)
+    seconds = timed(run, starts, controls, repeats=3)
+    report = run(starts, controls)[1]
+    assert report.converged.all()
+    big = jax.jit(SOLVER.solve)
+    big_start, big_controls = transfinite(large, large), constant(large, large)
+    cold(big, big_start, big_controls)
+    single = timed(big, big_start, big_controls, repeats=3)
+    share = (count * side**2 / seconds) / (large**2 / single)
+    print(
+        f"batch of {count} of {side} x {side}: compile {first:.1f} s, warm {seconds:.3f} s, "
+        f"{int(report.iterations.min())} to {int(report.iterations.max())} cycles, "
+        f"{share:.2f} of the nodes a second of one grid of {large} x {large}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--peers", type=Path)
+    parser.add_argument("--sides", type=int, nargs="+", default=[129, 257, 513, 1025])
+    parser.add_argument("--sor", action="store_true")
+    arguments = parser.parse_args()
+    jax.config.update("jax_enable_x64", True)
+    print(f"{sys.platform}, {jax.devices()[0].platform}, JAX {jax.__version__}")
+    single(arguments.peers, arguments.sides, arguments.sor)
+    gradient(arguments.sides)
+    batch(256, 101, max(arguments.sides))
+
+
+if __name__ == "__main__":
+    main()

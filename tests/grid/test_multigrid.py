@@ -1,0 +1,187 @@
+"""Multigrid: its operators, its transfers, and that its cycles solve what they should."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from grid_samples import (
+    chevron,
+    circle,
+    controls,
+    quick_jit,
+    random_case,
+    solved,
+    transfinite,
+)
+
+from fdjax.domain.patch import cosine_top
+from fdjax.grid import block_tridiagonal, elliptic, multigrid, winslow
+from fdjax.grid.solvers import CONVERGED, TOO_LONG, Multigrid, Newton
+
+
+def padded(values):
+    """Values at the interior nodes as planes with zeros on the walls."""
+    return multigrid.planes(jnp.pad(jnp.asarray(values), ((1, 1), (1, 1), (0, 0))))
+
+
+def interior(pair):
+    return np.asarray(multigrid.points(pair))[1:-1, 1:-1]
+
+
+def zeros(shape):
+    return (jnp.zeros(shape),) * 2
+
+
+# --- operators ---
+
+
+@quick_jit
+def applied(lattice, functions, change):
+    """Residual, derivative and transposed derivative, by multigrid's operators and by JAX."""
+    equations, nodes = multigrid.equations_of(functions), multigrid.planes(lattice)
+    terms = multigrid.derivative(nodes, equations)
+    none = zeros(lattice.shape[:2])
+    inside = multigrid.points(change)
+    _, forward = jax.jvp(lambda r: winslow.residual(r, functions), (lattice,), (inside,))
+    _, back = jax.vjp(lambda r: winslow.residual(r, functions), lattice)
+    return (
+        equations.residual(nodes, none),
+        multigrid.Linearised(terms).residual(change, none),
+        multigrid.Transposed(terms).residual(change, none),
+    ), (winslow.residual(lattice, functions), forward, back(inside[1:-1, 1:-1])[0][1:-1, 1:-1])
+
+
+def test_operators_are_the_equations_their_derivative_and_its_transpose():
+    lattice, functions = random_case((9, 12), 3)
+    change = padded(np.random.default_rng(4).normal(size=(7, 10, 2)))
+    for got, expected in zip(*applied(lattice, functions, change), strict=True):
+        np.testing.assert_allclose(interior(got), expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_the_mean_correction_and_folds_are_those_of_winslow():
+    lattice, functions = random_case((9, 12), 5)
+    nodes = multigrid.planes(jnp.asarray(lattice))
+    got = multigrid.mean_correction(multigrid.equations_of(functions), nodes)
+    assert float(got) == pytest.approx(float(winslow.mean_correction(lattice, functions)))
+    assert not multigrid.folded(nodes)
+    turned = lattice[::-1]
+    assert multigrid.folded(multigrid.planes(jnp.asarray(turned)))
+
+
+# --- transfers ---
+
+
+@pytest.mark.parametrize("shape", [(17, 33), (18, 20), (31, 9), (51, 6)])
+def test_transfers_keep_bilinear_functions_and_means(shape):
+    xi, eta = np.linspace(0, 1, shape[0])[:, None], np.linspace(0, 1, shape[1])
+    plane = jnp.asarray(1 + 2 * xi - eta + 3 * xi * eta)
+    coarse = multigrid.restricted(plane)
+    assert max(coarse.shape) < max(shape)
+    u, v = np.linspace(0, 1, coarse.shape[0])[:, None], np.linspace(0, 1, coarse.shape[1])
+    np.testing.assert_allclose(coarse, 1 + 2 * u - v + 3 * u * v, atol=1e-13)
+    np.testing.assert_allclose(multigrid.prolonged(coarse, shape), plane, atol=1e-13)
+    mean = np.asarray(multigrid.restricted_residual(jnp.ones(shape)))[1:-1, 1:-1]
+    steps = np.prod([(n - 1) / (m - 1) for n, m in zip(shape, coarse.shape, strict=True)])
+    np.testing.assert_allclose(mean, steps**2)
+
+
+# --- linear solutions ---
+
+
+@pytest.mark.parametrize("shape", [(18, 15), (40, 6)])
+def test_linear_solutions_are_those_of_elimination(shape):
+    start = transfinite(cosine_top(), shape)
+    functions = controls(shape, 0.02, -0.03)
+    rhs = np.random.default_rng(6).normal(size=(shape[0] - 2, shape[1] - 2, 2))
+
+    @quick_jit
+    def both(start, functions, rhs):
+        nodes, equations = multigrid.planes(start), multigrid.equations_of(functions)
+        factors = block_tridiagonal.factor(winslow.linearise(start, functions))
+        found = [
+            multigrid.solve_linear(multigrid.linear_levels(nodes, equations, kind), padded(rhs))
+            for kind in (multigrid.Linearised, multigrid.Transposed)
+        ]
+        return found, (
+            block_tridiagonal.solve(factors, rhs),
+            block_tridiagonal.solve_transposed(factors, rhs),
+        )
+
+    for got, expected in zip(*both(jnp.asarray(start), functions, rhs), strict=True):
+        np.testing.assert_allclose(interior(got), expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_derivatives_by_cycles_and_by_elimination_agree(monkeypatch):
+    shape = (19, 16)
+    start, functions = transfinite(circle(), shape), controls(shape, 0.03, 0.02)
+    weight = np.random.default_rng(8).normal(size=start.shape)
+
+    def gradients():
+        def scalar(start, functions):
+            return (weight * elliptic.solve(Multigrid(1e-13), start, functions)[0]).sum()
+
+        return quick_jit(jax.grad(scalar, argnums=(0, 1)))(start, functions)
+
+    eliminated = gradients()
+    monkeypatch.setattr(elliptic, "ELIMINATED", 0)
+    cycled = gradients()
+    for one, other in zip(jax.tree.leaves(eliminated), jax.tree.leaves(cycled), strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-8 * np.abs(one).max() + 1e-14)
+
+
+# --- solutions ---
+
+
+@pytest.mark.parametrize(
+    ("domain", "shape", "pull"),
+    [(cosine_top, (23, 18), 0.05), (circle, (20, 17), -0.04), (chevron, (17, 26), 0.03)],
+)
+def test_it_finds_what_newton_finds(domain, shape, pull):
+    start, functions = transfinite(domain(), shape), controls(shape, pull, -pull)
+    exact, _ = solved(Newton(1e-13), start, functions)
+    found, report = solved(Multigrid(1e-12), start, functions)
+    assert report.converged
+    assert not report.folded
+    assert int(report.reason) == CONVERGED
+    np.testing.assert_allclose(found, exact, atol=1e-9 * np.abs(exact).max())
+
+
+def test_cycles_stay_as_many_when_the_lattice_is_refined():
+    counts = []
+    for side in (33, 65, 129):
+        shape = (side, side)
+        functions = controls(shape, 0.03 * 50 / (side - 1), -0.03 * 50 / (side - 1))
+        _, report = solved(Multigrid(1e-8), transfinite(cosine_top(), shape), functions)
+        assert report.converged
+        counts.append(int(report.iterations))
+    assert max(counts) <= 1.5 * min(counts)
+
+
+def test_the_history_is_told():
+    shape = (23, 18)
+    start, functions = transfinite(cosine_top(), shape), controls(shape)
+    _, report = solved(Multigrid(1e-12, max_cycles=3), start, functions)
+    assert not report.converged
+    assert int(report.reason) == TOO_LONG
+    history = np.asarray(report.history)
+    assert history[0] == 1
+    assert (np.diff(history[:4]) < 0).all()
+    assert np.isnan(history[4:]).all()
+    assert float(report.correction) == pytest.approx(history[3])
+
+
+def test_many_lattices_are_solved_at_once_as_each_alone():
+    shape = (15, 12)
+    start = transfinite(cosine_top(), shape)
+    starts = jnp.stack([start, start * jnp.array([1.0, 0.8]), start * jnp.array([1.0, 1.3])])
+    functions = jax.tree.map(
+        lambda *each: jnp.stack(each),
+        *(controls(shape, pull, -pull) for pull in (0.0, 0.05, -0.08)),
+    )
+    together, report = quick_jit(jax.vmap(Multigrid(1e-11).solve))(starts, functions)
+    assert report.converged.all()
+    for k in range(3):
+        alone, _ = solved(
+            Multigrid(1e-11), starts[k], jax.tree.map(lambda field, k=k: field[k], functions)
+        )
+        np.testing.assert_allclose(together[k], alone, atol=1e-7)
