@@ -69,6 +69,7 @@ def report_of(
             "lines_per_layer": {"xi": xi / phases, "eta": eta / phases},
             "phases": phases,
             "road_width": list(result.road_width),
+            "grid": {name: float(value) for name, value in result.quality._asdict().items()},
         },
         "files": {each.path.name: _facts(each) for each in written},
     }

@@ -15,6 +15,7 @@ from fdjax.design.start import Start, begin
 from fdjax.domain.patch import Patch
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides
+from fdjax.grid.quality import Quality, quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.spacing import fit_log_density
 from fdjax.pattern.base import Lines
@@ -29,6 +30,9 @@ from fdjax.road.window import SoftWindows
 
 CONTROLS = ("spacing", "stretching", "phi", "psi", "width", "width_field")
 """What a design may move; see `pattern.grid_lines.Controls`."""
+
+QUALITY_NODES = 65
+"""Nodes each way of the grid whose quality is reported."""
 
 _MAP_CONTROLS = {
     "uniform": (),
@@ -48,6 +52,7 @@ class Design:
     - `made`: whether the map converged and is unfolded.
     - `broken`: largest share by which each kind of limit is broken, where it is.
     - `road_width`: least and largest, mm.
+    - `quality`: of the map's grid of `QUALITY_NODES` nodes each way.
     - `volume`: that the target asks for in all layers together, mm^3.
     - `limits`: of the machine, as the design kept them.
     """
@@ -60,6 +65,7 @@ class Design:
     made: bool
     broken: dict[str, float]
     road_width: tuple[float, float]
+    quality: Quality
     volume: float
     limits: Limits
 
@@ -203,6 +209,7 @@ def design(
         made=bool(seen.made),
         broken=broken,
         road_width=(float(seen.width[0]), float(seen.width[1])),
+        quality=quality(np.asarray(seen.nodes)),
         volume=layer_volume * layers,
         limits=limits,
     )
@@ -285,7 +292,7 @@ class _Survey(NamedTuple):
 
     `volume` of the mean layer, mm^3; `skew` of the grid where it is limited; whether it could be
     `made`; the `worst` share by which each kind of limit is broken, negative where it is kept;
-    least and largest road `width`, mm.
+    least and largest road `width`, mm; `nodes` of an even grid, (n, n, 2).
     """
 
     volume: Any
@@ -293,13 +300,14 @@ class _Survey(NamedTuple):
     made: Any
     worst: dict[str, Any]
     width: tuple[Any, Any]
+    nodes: Any
 
 
 @eqx.filter_jit
 def _survey(pattern: GridLines, limits: Limits) -> _Survey:
     realised = pattern.realise(pattern.first)
     excess = pattern.penalties(realised, limits)._asdict()
-    places = jnp.linspace(0, 1, 65)
+    places = jnp.linspace(0, 1, QUALITY_NODES)
     width = realised.width(places[:, None], places[None])
     return _Survey(
         pattern.deposit(realised).volume.sum(),
@@ -307,6 +315,7 @@ def _survey(pattern: GridLines, limits: Limits) -> _Survey:
         realised.made,
         {name: values.max() for name, values in excess.items()},
         (width.min(), width.max()),
+        realised.grid(places[:, None], places[None]),
     )
 
 

@@ -7,8 +7,11 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from fdjax.errors import InputError
 from fdjax.grid import block_tridiagonal, bspline, multigrid, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite
 from fdjax.grid.base import AbstractGridMap, Sides
@@ -17,7 +20,6 @@ from fdjax.grid.winslow import ControlFunctions
 from fdjax.precision import require_float64
 
 
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(
     solver: AbstractSolver, start: Float[Array, "ni nj 2"], controls: ControlFunctions
 ) -> tuple[Float[Array, "ni nj 2"], Report]:
@@ -30,15 +32,49 @@ def solve(
     boundary nodes and the controls, by the implicit function theorem at the lattice returned; the
     linearised system is eliminated once whatever the number of tangents. The derivative is that
     of the exact solution, so it is as accurate as the solve is converged.
+
+    Raises `InputError` for what is no such problem, where the values are known: fewer than 3 x 3
+    nodes, other numbers than float64, values that are not finite, boundary nodes that repeat.
     """
+    _check(start, controls)
+    return _solve(solver, start, controls)
+
+
+def _check(start: Float[Array, "ni nj 2"], controls: ControlFunctions) -> None:
+    if start.ndim != 3 or start.shape[2] != 2 or min(start.shape[:2]) < 3:
+        raise InputError(f"grid: nodes have shape {start.shape}; (ni, nj, 2) with ni, nj >= 3")
+    inside = (start.shape[0] - 2, start.shape[1] - 2)
+    for name, values in (("nodes", start), *controls._asdict().items()):
+        if values.dtype != jnp.float64:
+            raise InputError(f"grid: {name} are {values.dtype}; float64 is needed")
+        if name != "nodes" and values.shape != inside:
+            raise InputError(f"grid: {name} has shape {values.shape}; the interior has {inside}")
+        if not isinstance(values, Tracer) and not np.isfinite(values).all():
+            raise InputError(f"grid: {name} are not all finite")
+    if isinstance(start, Tracer):
+        return
+    nodes = np.asarray(start)
+    sides = {"bottom": nodes[:, 0], "right": nodes[-1], "top": nodes[:, -1], "left": nodes[0]}
+    for name, side in sides.items():
+        repeated = np.flatnonzero((side[1:] == side[:-1]).all(1))
+        if len(repeated):
+            raise InputError(
+                f"grid: nodes {repeated[0]} and {repeated[0] + 1} of the {name} side coincide"
+            )
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _solve(
+    solver: AbstractSolver, start: Float[Array, "ni nj 2"], controls: ControlFunctions
+) -> tuple[Float[Array, "ni nj 2"], Report]:
     return solver.solve(start, controls)
 
 
-@solve.defjvp
+@_solve.defjvp
 def _solve_jvp(solver: AbstractSolver, primals: tuple, tangents: tuple) -> tuple:
     start, controls = primals
     start_dot, controls_dot = tangents
-    r, report = solve(solver, start, controls)
+    r, report = _solve(solver, start, controls)
     boundary_dot = start_dot.at[1:-1, 1:-1].set(0.0)
     _, residual_dot = jax.jvp(winslow.residual, (r, controls), (boundary_dot, controls_dot))
 
@@ -135,16 +171,21 @@ class NodeMap(AbstractGridMap):
         return r
 
 
+TOUCH = 1e-6
+"""Ends of sides closer than this meet, mm."""
+
+
 class Elliptic(eqx.Module):
     """An elliptic grid to be solved: sides, their spacings, controls and the solver's nodes.
 
     - `phi`, `psi`: control functions on the unit square, constants or values at the interior
       nodes, shape (ni - 2, nj - 2). Positive phi draws lines of constant xi towards xi = 1.
     - `p`, `q`: those of physical space, lap(xi) = p and lap(eta) = q, 1/mm^2; P = phi A / J^2.
-    - `nodes`: (ni, nj), at least 5 each, else `ValueError`; accuracy, not roads: the map is
-      defined everywhere.
+    - `nodes`: (ni, nj), at least 5 each; accuracy, not roads: the map is defined everywhere.
     - `follow_sides`: whether the sides' spacing is carried into the interior by
       `winslow.boundary_controls`, to which phi and psi then add.
+
+    Raises `InputError` for too few nodes, controls that are not finite and sides that do not meet.
     """
 
     sides: Sides
@@ -159,7 +200,25 @@ class Elliptic(eqx.Module):
 
     def __check_init__(self) -> None:
         if min(self.nodes) < 5:
-            raise ValueError(f"Elliptic: nodes are {self.nodes}; at least 5 each way are needed")
+            raise InputError(f"Elliptic: nodes are {self.nodes}; at least 5 each way are needed")
+        arrays = jax.tree.leaves((self.sides, self.phi, self.psi, self.p, self.q))
+        if any(isinstance(values, Tracer) for values in arrays):
+            return
+        for name in ("phi", "psi", "p", "q"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise InputError(f"Elliptic: {name} is not finite everywhere")
+        sides = self.sides
+        for one, other, meet in (
+            ("bottom", "left", (sides.bottom.start, sides.left.start)),
+            ("bottom", "right", (sides.bottom.end, sides.right.start)),
+            ("top", "left", (sides.top.start, sides.left.end)),
+            ("top", "right", (sides.top.end, sides.right.end)),
+        ):
+            gap = float(np.hypot(*(np.asarray(meet[0]) - np.asarray(meet[1]))))
+            if not gap <= TOUCH:
+                raise InputError(
+                    f"Elliptic: {one} and {other} do not meet: they are {gap:g} mm apart"
+                )
 
     def solve(self) -> tuple[Float[Array, "ni nj 2"], Report]:
         """Nodes of the solved grid, shape (ni, nj, 2), mm, and the solver's report."""

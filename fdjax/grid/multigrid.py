@@ -526,8 +526,7 @@ def linear_levels(
 
 
 class _Search(NamedTuple):
-    """State of `solve_linear`: solution, residual, past directions and their images, steps and size of
-    the residual."""
+    """State of `solve_linear`: `size` is the residual's, `images` those of the directions."""
 
     x: Pair
     residual: Pair

@@ -22,13 +22,14 @@ from grid_samples import (
 
 from fdjax.domain.contour import contour
 from fdjax.domain.curve import polyline
-from fdjax.domain.patch import cosine_top, from_curves, from_polygon
+from fdjax.domain.patch import cosine_top, from_curves, from_polygon, rectangle
 from fdjax.errors import InputError
-from fdjax.grid import winslow
+from fdjax.grid import elliptic, winslow
 from fdjax.grid.algebraic import Spacings
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import AbstractSolver, Newton
+from fdjax.grid.winslow import ControlFunctions
 
 EXACT = Newton(tolerance=1e-12)
 REFINED = [(9, 9), SHAPE]
@@ -171,3 +172,51 @@ def test_float32_and_too_few_nodes_are_refused():
         Elliptic(sides, nodes=(41, 4))
     with jax.enable_x64(False), pytest.raises(InputError, match="float64"):
         Elliptic(sides).solve()
+
+
+# --- what is no problem to solve ---
+
+
+@pytest.fixture
+def problem():
+    shape = (6, 5)
+    start = transfinite(cosine_top(), shape)
+    return jnp.asarray(start), ControlFunctions(*(jnp.zeros((4, 3)),) * 4)
+
+
+def spoilt(start, functions, what):
+    if what == "controls":
+        return start, functions._replace(psi=functions.psi.at[1, 1].set(jnp.nan))
+    if what == "repeated":
+        return start.at[3, -1].set(start[2, -1]), functions
+    if what == "few":
+        return start[:2], functions
+    if what == "float32":
+        return start.astype(jnp.float32), functions
+    return start, functions._replace(phi=functions.phi[:2])
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("controls", "psi are not all finite"),
+        ("repeated", "nodes 2 and 3 of the top side coincide"),
+        ("few", r"shape \(2, 5, 2\)"),
+        ("float32", "nodes are float32; float64"),
+        ("shape", r"phi has shape \(2, 3\)"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_is_compiled(problem, what, says):
+    with pytest.raises(InputError, match=says):
+        elliptic.solve(Newton(), *spoilt(*problem, what))
+
+
+def test_sides_that_do_not_meet_and_controls_that_are_not_finite_are_refused():
+    sides = Sides.of(cosine_top())
+    apart = sides._replace(left=Sides.of(rectangle(5, 5)).left)
+    with pytest.raises(InputError, match=r"bottom and left do not meet: they are .* mm apart"):
+        Elliptic(apart)
+    with pytest.raises(InputError, match="phi is not finite"):
+        Elliptic(sides, phi=float("inf"))
+    with pytest.raises(InputError, match="at least 5"):
+        Elliptic(sides, nodes=(4, 9))
