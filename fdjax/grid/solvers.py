@@ -203,8 +203,13 @@ class Multigrid(AbstractSolver):
             u, progress = state
             fresh = progress.steps == 0
             trial = multigrid.cycles(levels, u, none, fresh=fresh)
-            u, size, better = _cut_back(u, trial, progress.size, equations, self.halvings)
-            return u, progress.after(size, ~better & ~fresh)
+            cut, size, better = _cut_back(u, trial, progress.size, equations, self.halvings)
+            # Where every step folds, the whole one is taken: later ones may unfold it again.
+            size_there = multigrid.mean_correction(equations, trial)
+            forward = ~better & (size_there < progress.size)
+            u = jax.tree.map(lambda old, new: jnp.where(forward, new, old), cut, trial)
+            size = jnp.where(forward, size_there, size)
+            return u, progress.after(size, ~better & ~forward & ~fresh)
 
         found, progress = _iterate(step, begun, first, goal, self.max_cycles)
         r = multigrid.points(found)

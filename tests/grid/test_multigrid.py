@@ -13,6 +13,7 @@ from grid_samples import (
     solved,
     transfinite,
 )
+from random_outlines import bent_strip, smooth_controls, star
 
 from fdjax.domain.patch import cosine_top
 from fdjax.grid import block_tridiagonal, elliptic, multigrid, winslow
@@ -185,3 +186,43 @@ def test_many_lattices_are_solved_at_once_as_each_alone():
             Multigrid(1e-11), starts[k], jax.tree.map(lambda field, k=k: field[k], functions)
         )
         np.testing.assert_allclose(together[k], alone, atol=1e-7)
+
+
+# --- any domain ---
+
+OUTLINES, LATTICE = 150, (41, 31)
+
+
+@pytest.fixture(scope="module")
+def solve_any():
+    return quick_jit(Multigrid(1e-8).solve)
+
+
+def inverted(lattice):
+    """Whether each cell has a corner that is not convex."""
+    return (np.asarray(winslow.corner_jacobians(jnp.asarray(lattice))) <= 0).any(0)
+
+
+@pytest.mark.parametrize("kind", [star, bent_strip])
+def test_random_outlines_with_random_controls_converge_and_say_where_they_fold(solve_any, kind):
+    """All converge. Those that fold do so where the outline itself leaves no other way.
+
+    A star folds in the cells at its four corners, where the outline turns by more than 180
+    degrees within a cell; a bent strip beside its inner corner, which lies within a side.
+    """
+    counts = {"unfolded": 0, "folded": 0}
+    for seed in range(OUTLINES):
+        rng = np.random.default_rng(1000 + seed)
+        start = kind(rng, LATTICE)
+        found, report = solve_any(start, smooth_controls(rng, LATTICE))
+        assert report.converged, seed
+        counts["folded" if report.folded else "unfolded"] += 1
+        cells = inverted(found)
+        assert bool(report.folded) == cells.any()
+        if kind is star:
+            cells[:: LATTICE[0] - 2, :: LATTICE[1] - 2] = False
+        else:
+            cells[LATTICE[0] // 2 - 2 : LATTICE[0] // 2 + 2, -2:] = False
+        assert not cells.any(), seed
+    print(kind.__name__, counts)
+    assert counts["unfolded"] > 0.75 * OUTLINES
