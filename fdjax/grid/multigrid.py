@@ -27,7 +27,7 @@ Pair = tuple[Plane, Plane]
 COARSEST = 7
 """A side of at most so many steps is not coarsened any more."""
 
-_SWEEPS_AT_THE_BOTTOM = 4
+_SWEEPS_AT_THE_BOTTOM = 1
 _SWEEPS_TO_START = 20
 
 
@@ -441,7 +441,7 @@ def cycles(
     f: Pair,
     *,
     count: int = 1,
-    visits: int = 2,
+    visits: tuple[int, ...] = (2, 2),
     fresh: Any = False,
     linear: bool = False,
 ) -> Pair:
@@ -451,8 +451,9 @@ def cycles(
     - `fresh`: whether to begin with a solution on the next coarser lattice, found in the same way:
       a full-multigrid start, for f = 0 only. May be traced.
     - `linear`: for linear operators: coarse changes start from zero.
+    - `visits`: how often a lattice visits the next coarser one in a cycle, finest first, 1 below:
+      the coarsest ones cost more time than they bring.
 
-    A cycle visits the next coarser lattice `visits` times, and each of those the next one twice.
     All visits of a lattice share one loop, so that each is compiled once.
     """
     operator, *rest = levels
@@ -470,7 +471,15 @@ def cycles(
         coarse = none if linear else _each(restricted, u)
         own = rest[0].residual(coarse, none)
         goal = _each(lambda n, r: jnp.where(starting, 0.0, n - r), own, residual)
-        found = cycles(rest, coarse, goal, count=visits, fresh=starting, linear=linear, visits=2)
+        found = cycles(
+            rest,
+            coarse,
+            goal,
+            count=(*visits, 1)[0],
+            visits=visits[1:],
+            fresh=starting,
+            linear=linear,
+        )
         change = _each(lambda new, old: prolonged(new - old, _shape(u[0])), found, coarse)
         u = _each(lambda v, d: v + _interior(d), u, change)
         return operator.relaxed(u, f, 1)
