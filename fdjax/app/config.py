@@ -147,7 +147,9 @@ class Pattern:
         number(*ANY), "elliptic: Q of eq. (5), lap(eta), unit square, 1/mm^2", default=0.0
     )
     solver: str = key(
-        choice("newton", "sor"), "elliptic: `sor` is the paper's, at w = 1.8", default="newton"
+        choice("newton", "multigrid", "sor"),
+        "elliptic: multigrid from about 100 nodes a side; `sor` is the paper's, at w = 1.8",
+        default="newton",
     )
 
     def __post_init__(self) -> None:

@@ -17,7 +17,7 @@ from fdjax.domain.patch import Patch
 from fdjax.errors import DesignError
 from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
-from fdjax.grid.solvers import SOR
+from fdjax.grid.solvers import SOR, Multigrid, Newton
 from fdjax.pattern.base import Lines
 from fdjax.plan.check import check
 from fdjax.plan.coverage import coverage
@@ -84,6 +84,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     return table_of(job, result, written)
 
 
+SOLVERS = {"newton": Newton, "multigrid": Multigrid, "sor": SOR}
+
+
 def _solve(
     job: Job, patch: Patch, target: Target, machine: Machine, show: Callable[[Progress], None]
 ) -> Design:
@@ -115,7 +118,7 @@ def _solve(
         q=pattern.q,
         alpha=pattern.alpha,
         beta=pattern.beta,
-        solver=SOR() if pattern.solver == "sor" else None,
+        solver=SOLVERS[pattern.solver](),
         progress=show,
     )
 

@@ -82,7 +82,9 @@ def _solve_jvp(solver: AbstractSolver, primals: tuple, tangents: tuple) -> tuple
         inside = jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
         return jax.jvp(lambda nodes: winslow.residual(nodes, controls), (r,), (inside,))[1]
 
-    solve_forward, solve_transposed = _linear_solves(r, controls)
+    solve_forward, solve_transposed = _linear_solves(
+        r, controls, min(0.1 * solver.tolerance, LINEAR)
+    )
     inside_dot = jax.lax.custom_linear_solve(
         apply,
         -residual_dot,
@@ -96,10 +98,15 @@ def _solve_jvp(solver: AbstractSolver, primals: tuple, tangents: tuple) -> tuple
 ELIMINATED = 64
 """Lattices with at most so many nodes along each line are linearised by elimination."""
 
+LINEAR = 1e-9
+"""Residual that cycles leave of a linearised right side, or a tenth of the solver's tolerance."""
+
 _Solve = Callable[[Float[Array, "i j 2"]], Float[Array, "i j 2"]]
 
 
-def _linear_solves(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> tuple[_Solve, _Solve]:
+def _linear_solves(
+    r: Float[Array, "ni nj 2"], controls: ControlFunctions, tolerance: float
+) -> tuple[_Solve, _Solve]:
     """Solutions of the linearised equations and of their transpose, for any number of right sides.
 
     Elimination serves many right sides at little more than the cost of one, but its own cost grows
@@ -118,7 +125,9 @@ def _linear_solves(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> tu
 
         def solve(b: Float[Array, "i j 2"]) -> Float[Array, "i j 2"]:
             rhs = multigrid.planes(jnp.pad(b, ((1, 1), (1, 1), (0, 0))))
-            return multigrid.points(multigrid.solve_linear(levels, rhs))[1:-1, 1:-1]
+            return multigrid.points(multigrid.solve_linear(levels, rhs, tolerance=tolerance))[
+                1:-1, 1:-1
+            ]
 
         return solve
 

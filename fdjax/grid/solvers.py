@@ -89,7 +89,12 @@ class _Progress(NamedTuple):
 
 
 class AbstractSolver(ABC):
-    """Static, hashable settings and the method that uses them."""
+    """Static, hashable settings and the method that uses them.
+
+    - `tolerance`: what the mean correction has to come down to, of that of the starting lattice.
+    """
+
+    tolerance: float
 
     @abstractmethod
     def solve(
