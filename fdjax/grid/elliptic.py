@@ -12,10 +12,11 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from fdjax.errors import InputError
-from fdjax.grid import block_tridiagonal, bspline, multigrid, winslow
+from fdjax.grid import block_tridiagonal, bspline, multigrid, operators, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.solvers import AbstractSolver, Multigrid, Report
+from fdjax.grid.transfer import planes, points
 from fdjax.grid.winslow import ControlFunctions
 from fdjax.precision import require_float64
 
@@ -118,20 +119,18 @@ def _linear_solves(
             lambda b: block_tridiagonal.solve(factors, b),
             lambda b: block_tridiagonal.solve_transposed(factors, b),
         )
-    equations, nodes = multigrid.equations_of(controls), multigrid.planes(r)
+    equations, nodes = operators.equations_of(controls), planes(r)
 
     def by_cycles(operator: Any) -> _Solve:
         levels = multigrid.linear_levels(nodes, equations, operator)
 
         def solve(b: Float[Array, "i j 2"]) -> Float[Array, "i j 2"]:
-            rhs = multigrid.planes(jnp.pad(b, ((1, 1), (1, 1), (0, 0))))
-            return multigrid.points(multigrid.solve_linear(levels, rhs, tolerance=tolerance))[
-                1:-1, 1:-1
-            ]
+            rhs = planes(jnp.pad(b, ((1, 1), (1, 1), (0, 0))))
+            return points(multigrid.solve_linear(levels, rhs, tolerance=tolerance))[1:-1, 1:-1]
 
         return solve
 
-    return by_cycles(multigrid.Linearised), by_cycles(multigrid.Transposed)
+    return by_cycles(operators.Linearised), by_cycles(operators.Transposed)
 
 
 def _no_tangent(value: Array) -> Array:

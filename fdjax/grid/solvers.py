@@ -14,8 +14,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from fdjax.grid import block_tridiagonal, multigrid, winslow
-from fdjax.grid.multigrid import GridEquations, Pair
+from fdjax.grid import block_tridiagonal, multigrid, operators, winslow
+from fdjax.grid.operators import GridEquations
+from fdjax.grid.transfer import Pair, planes, points
 from fdjax.grid.winslow import ControlFunctions
 
 CONVERGED, STALLED, TOO_LONG = 0, 1, 2
@@ -60,7 +61,7 @@ class Report(NamedTuple):
             steps,
             size / first,
             converged,
-            multigrid.folded(multigrid.planes(r)),
+            operators.folded(planes(r)),
             reason,
             history / first,
         )
@@ -126,7 +127,7 @@ class Newton(AbstractSolver):
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
         first = winslow.mean_correction(start, controls)
         goal = _goal(start, first, self.tolerance)
-        equations = multigrid.equations_of(controls)
+        equations = operators.equations_of(controls)
 
         def step(state: tuple) -> tuple:
             r, progress = state
@@ -136,13 +137,13 @@ class Newton(AbstractSolver):
             )
             trial = r + jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
             cut, size, better = _cut_back(
-                multigrid.planes(r),
-                multigrid.planes(trial),
+                planes(r),
+                planes(trial),
                 progress.size,
                 equations,
                 self.halvings,
             )
-            return multigrid.points(cut), progress.after(size, ~better)
+            return points(cut), progress.after(size, ~better)
 
         r, progress = _iterate(step, start, first, goal, self.max_steps)
         return r, Report.of(r, progress, goal, self.max_steps)
@@ -165,12 +166,12 @@ def _cut_back(
     A good step lowers the mean correction `size` and keeps an unfolded lattice unfolded. Returns
     the lattice, its mean correction, and whether a step was taken.
     """
-    keep_unfolded = ~multigrid.folded(u)
+    keep_unfolded = ~operators.folded(u)
 
     def judged(share: Array) -> tuple:
         there = jax.tree.map(lambda old, new: old + share * (new - old), u, trial)
-        size_there = multigrid.mean_correction(equations, there)
-        good = (size_there < size) & ~(keep_unfolded & multigrid.folded(there))
+        size_there = operators.mean_correction(equations, there)
+        good = (size_there < size) & ~(keep_unfolded & operators.folded(there))
         return share, there, size_there, good
 
     _, there, size_there, good = jax.lax.while_loop(
@@ -198,9 +199,9 @@ class Multigrid(AbstractSolver):
     def solve(
         self, start: Float[Array, "ni nj 2"], controls: ControlFunctions
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
-        equations, begun = multigrid.equations_of(controls), multigrid.planes(start)
+        equations, begun = operators.equations_of(controls), planes(start)
         levels = multigrid.hierarchy(equations)
-        first = multigrid.mean_correction(equations, begun)
+        first = operators.mean_correction(equations, begun)
         goal = _goal(start, first, self.tolerance)
         none = jax.tree.map(jnp.zeros_like, begun)
 
@@ -210,14 +211,14 @@ class Multigrid(AbstractSolver):
             trial = multigrid.cycles(levels, u, none, fresh=fresh)
             cut, size, better = _cut_back(u, trial, progress.size, equations, self.halvings)
             # Where every step folds, the whole one is taken: later ones may unfold it again.
-            size_there = multigrid.mean_correction(equations, trial)
+            size_there = operators.mean_correction(equations, trial)
             forward = ~better & (size_there < progress.size)
             u = jax.tree.map(lambda old, new: jnp.where(forward, new, old), cut, trial)
             size = jnp.where(forward, size_there, size)
             return u, progress.after(size, ~better & ~forward & ~fresh)
 
         found, progress = _iterate(step, begun, first, goal, self.max_cycles)
-        r = multigrid.points(found)
+        r = points(found)
         return r, Report.of(r, progress, goal, self.max_cycles)
 
 

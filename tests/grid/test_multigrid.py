@@ -16,17 +16,17 @@ from grid_samples import (
 from random_outlines import bent_strip, smooth_controls, star
 
 from fdjax.domain.patch import cosine_top
-from fdjax.grid import block_tridiagonal, elliptic, multigrid, winslow
+from fdjax.grid import block_tridiagonal, elliptic, multigrid, operators, transfer, winslow
 from fdjax.grid.solvers import CONVERGED, TOO_LONG, Multigrid, Newton
 
 
 def padded(values):
     """Values at the interior nodes as planes with zeros on the walls."""
-    return multigrid.planes(jnp.pad(jnp.asarray(values), ((1, 1), (1, 1), (0, 0))))
+    return transfer.planes(jnp.pad(jnp.asarray(values), ((1, 1), (1, 1), (0, 0))))
 
 
 def interior(pair):
-    return np.asarray(multigrid.points(pair))[1:-1, 1:-1]
+    return np.asarray(transfer.points(pair))[1:-1, 1:-1]
 
 
 def zeros(shape):
@@ -39,16 +39,16 @@ def zeros(shape):
 @quick_jit
 def applied(lattice, functions, change):
     """Residual, derivative and transposed derivative, by multigrid's operators and by JAX."""
-    equations, nodes = multigrid.equations_of(functions), multigrid.planes(lattice)
-    terms = multigrid.derivative(nodes, equations)
+    equations, nodes = operators.equations_of(functions), transfer.planes(lattice)
+    terms = operators.derivative(nodes, equations)
     none = zeros(lattice.shape[:2])
-    inside = multigrid.points(change)
+    inside = transfer.points(change)
     _, forward = jax.jvp(lambda r: winslow.residual(r, functions), (lattice,), (inside,))
     _, back = jax.vjp(lambda r: winslow.residual(r, functions), lattice)
     return (
         equations.residual(nodes, none),
-        multigrid.Linearised(terms).residual(change, none),
-        multigrid.Transposed(terms).residual(change, none),
+        operators.Linearised(terms).residual(change, none),
+        operators.Transposed(terms).residual(change, none),
     ), (winslow.residual(lattice, functions), forward, back(inside[1:-1, 1:-1])[0][1:-1, 1:-1])
 
 
@@ -61,12 +61,12 @@ def test_operators_are_the_equations_their_derivative_and_its_transpose():
 
 def test_the_mean_correction_and_folds_are_those_of_winslow():
     lattice, functions = random_case((9, 12), 5)
-    nodes = multigrid.planes(jnp.asarray(lattice))
-    got = multigrid.mean_correction(multigrid.equations_of(functions), nodes)
+    nodes = transfer.planes(jnp.asarray(lattice))
+    got = operators.mean_correction(operators.equations_of(functions), nodes)
     assert float(got) == pytest.approx(float(winslow.mean_correction(lattice, functions)))
-    assert not multigrid.folded(nodes)
+    assert not operators.folded(nodes)
     turned = lattice[::-1]
-    assert multigrid.folded(multigrid.planes(jnp.asarray(turned)))
+    assert operators.folded(transfer.planes(jnp.asarray(turned)))
 
 
 # --- transfers ---
@@ -76,12 +76,12 @@ def test_the_mean_correction_and_folds_are_those_of_winslow():
 def test_transfers_keep_bilinear_functions_and_means(shape):
     xi, eta = np.linspace(0, 1, shape[0])[:, None], np.linspace(0, 1, shape[1])
     plane = jnp.asarray(1 + 2 * xi - eta + 3 * xi * eta)
-    coarse = multigrid.restricted(plane)
+    coarse = transfer.restricted(plane)
     assert max(coarse.shape) < max(shape)
     u, v = np.linspace(0, 1, coarse.shape[0])[:, None], np.linspace(0, 1, coarse.shape[1])
     np.testing.assert_allclose(coarse, 1 + 2 * u - v + 3 * u * v, atol=1e-13)
-    np.testing.assert_allclose(multigrid.prolonged(coarse, shape), plane, atol=1e-13)
-    mean = np.asarray(multigrid.restricted_residual(jnp.ones(shape)))[1:-1, 1:-1]
+    np.testing.assert_allclose(transfer.prolonged(coarse, shape), plane, atol=1e-13)
+    mean = np.asarray(transfer.restricted_residual(jnp.ones(shape)))[1:-1, 1:-1]
     steps = np.prod([(n - 1) / (m - 1) for n, m in zip(shape, coarse.shape, strict=True)])
     np.testing.assert_allclose(mean, steps**2)
 
@@ -97,11 +97,11 @@ def test_linear_solutions_are_those_of_elimination(shape):
 
     @quick_jit
     def both(start, functions, rhs):
-        nodes, equations = multigrid.planes(start), multigrid.equations_of(functions)
+        nodes, equations = transfer.planes(start), operators.equations_of(functions)
         factors = block_tridiagonal.factor(winslow.linearise(start, functions))
         found = [
             multigrid.solve_linear(multigrid.linear_levels(nodes, equations, kind), padded(rhs))
-            for kind in (multigrid.Linearised, multigrid.Transposed)
+            for kind in (operators.Linearised, operators.Transposed)
         ]
         return found, (
             block_tridiagonal.solve(factors, rhs),

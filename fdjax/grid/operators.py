@@ -1,0 +1,303 @@
+"""The elliptic equations, their linearisation and its transpose on one lattice, and relaxation.
+
+All have one form, `N(u) = f`, and one way to be relaxed: zebra by lines, for all lines of a colour
+at once. Everything is per index step of the lattice.
+"""
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from fdjax.grid.transfer import Pair, Plane, coarser, each, restricted
+from fdjax.grid.winslow import ControlFunctions
+
+
+class _Differences(NamedTuple):
+    """Central differences per index step of one coordinate, at some of the interior nodes."""
+
+    xi: Array
+    eta: Array
+    xi_xi: Array
+    eta_eta: Array
+    xi_eta: Array
+
+
+class _Nodes(NamedTuple):
+    """Every second interior line (or all): slices of the first node, and whether to skip lines.
+
+    - `axis`: that the lines run along; `first`: 1 or 2, the first line taken; 0 takes all nodes.
+    """
+
+    axis: int = 0
+    first: int = 0
+
+    def of(self, u: Plane, di: int = 0, dj: int = 0) -> Array:
+        """The values at the neighbours at an offset."""
+        cuts = []
+        for axis, offset in enumerate((di, dj)):
+            skip = self.first and axis != self.axis
+            start, step = (self.first, 2) if skip else (1, 1)
+            cuts.append(slice(start + offset, u.shape[axis] - 1 + offset, step))
+        return u[tuple(cuts)]
+
+    def spread(self, values: Array, shape: tuple[int, int]) -> Plane:
+        """A plane with these values at the nodes and zeros elsewhere."""
+        padding = []
+        for axis in (0, 1):
+            skip = self.first and axis != self.axis
+            start, step = (self.first, 2) if skip else (1, 1)
+            end = shape[axis] - start - (step * (values.shape[axis] - 1) + 1)
+            padding.append((start, end, step - 1))
+        return jax.lax.pad(values, jnp.zeros((), values.dtype), padding)
+
+    def differences(self, u: Plane) -> _Differences:
+        here, east, west = self.of(u), self.of(u, 1), self.of(u, -1)
+        north, south = self.of(u, 0, 1), self.of(u, 0, -1)
+        cross = self.of(u, 1, 1) - self.of(u, -1, 1) - self.of(u, 1, -1) + self.of(u, -1, -1)
+        return _Differences(
+            (east - west) / 2,
+            (north - south) / 2,
+            east - 2 * here + west,
+            north - 2 * here + south,
+            cross / 4,
+        )
+
+
+_ALL = _Nodes()
+
+
+class _Lines(NamedTuple):
+    """Line systems `diagonal d - lower d_before - upper d_after = residual` at some nodes."""
+
+    lower: Array
+    diagonal: Array
+    upper: Array
+    residual: Pair
+
+
+def _solved(lines: _Lines, axis: int) -> Pair:
+    """Thomas' algorithm, all lines at once."""
+    lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines)
+    none = jnp.zeros_like(diagonal[0])
+
+    def down(carry: tuple, row: tuple) -> tuple[tuple, tuple]:
+        ratio, x, y = carry
+        lower, diagonal, upper, rx, ry = row
+        pivot = 1 / (diagonal - lower * ratio)
+        carry = upper * pivot, (rx + lower * x) * pivot, (ry + lower * y) * pivot
+        return carry, carry
+
+    _, rows = jax.lax.scan(down, (none, none, none), (lower, diagonal, upper, *residual))
+
+    def up(carry: tuple, row: tuple) -> tuple[tuple, tuple]:
+        ratio, x, y = row
+        carry = x + ratio * carry[0], y + ratio * carry[1]
+        return carry, carry
+
+    _, change = jax.lax.scan(up, (none, none), rows, reverse=True)
+    return each(lambda u: jnp.moveaxis(u, 0, axis), change)
+
+
+class AbstractOperator:
+    """An equation `N(u) = f` on one lattice."""
+
+    @abstractmethod
+    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+        """Line systems for the change of u at `nodes`; the residual is N(u) - f."""
+
+    def residual(self, u: Pair, f: Pair) -> Pair:
+        """N(u) - f, zero on the walls."""
+        return each(lambda v: jnp.pad(v, 1), self.lines(u, f, _ALL).residual)
+
+    def relaxed(self, u: Pair, f: Pair, axis: int) -> Pair:
+        """u after zebra relaxation along the lines of an axis."""
+        for first in (1, 2):
+            nodes = _Nodes(axis, first)
+            change = _solved(self.lines(u, f, nodes), axis)
+            u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
+        return u
+
+
+def _line_matrix(
+    a: Array, c: Array, by_xi: Array, by_eta: Array, axis: int
+) -> tuple[Array, Array, Array]:
+    """Coefficients along a line, cut back so that they stay positive on coarse lattices."""
+    along, slope = (a, by_xi) if axis == 0 else (c, by_eta)
+    slope = jnp.clip(slope / 2, -0.9 * along, 0.9 * along)
+    return along - slope, 2 * (a + c), along + slope
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class GridEquations(AbstractOperator):
+    """The equations of `winslow`; controls as planes, walls included."""
+
+    controls: ControlFunctions
+
+    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+        x, y = (nodes.differences(plane) for plane in u)
+        a, b, c, by_xi, by_eta = _coefficients(x, y, *map(nodes.of, self.controls))
+
+        def residual(d: _Differences, f: Plane) -> Array:
+            return (
+                a * d.xi_xi
+                - 2 * b * d.xi_eta
+                + c * d.eta_eta
+                + by_xi * d.xi
+                + by_eta * d.eta
+                - nodes.of(f)
+            )
+
+        matrix = _line_matrix(a, c, by_xi, by_eta, nodes.axis)
+        return _Lines(*matrix, (residual(x, f[0]), residual(y, f[1])))
+
+    def coarser(self) -> "GridEquations":
+        ni, nj = self.controls.phi.shape
+        xi, eta = (ni - 1) / (coarser(ni) - 1), (nj - 1) / (coarser(nj) - 1)
+        phi, psi, p, q = map(restricted, self.controls)
+        return GridEquations(ControlFunctions(phi * xi, psi * eta, p / xi, q / eta))
+
+
+def _coefficients(
+    x: _Differences, y: _Differences, phi: Array, psi: Array, p: Array, q: Array
+) -> tuple[Array, Array, Array, Array, Array]:
+    """|r_e|^2, r_x . r_e, |r_x|^2, and what multiplies r_x and r_e."""
+    a, c = x.eta**2 + y.eta**2, x.xi**2 + y.xi**2
+    square = (x.xi * y.eta - x.eta * y.xi) ** 2
+    return a, x.xi * x.eta + y.xi * y.eta, c, a * phi + square * p, c * psi + square * q
+
+
+class Derivative(NamedTuple):
+    """The linearised equations at the interior nodes, per index step.
+
+    `a v_xx - 2 b v_xe + c v_ee + of_xi v_x + of_eta v_e` with 2 x 2 matrices `of_xi`, `of_eta` as
+    (xx, xy, yx, yy), each an array of shape (ni - 2, nj - 2), zero-padded to the walls.
+    """
+
+    a: Plane
+    b: Plane
+    c: Plane
+    of_xi: tuple[Plane, Plane, Plane, Plane]
+    of_eta: tuple[Plane, Plane, Plane, Plane]
+
+
+def derivative(u: Pair, equations: GridEquations) -> Derivative:
+    """The equations linearised at the lattice u."""
+    x, y = (_ALL.differences(plane) for plane in u)
+    phi, psi, p, q = map(_ALL.of, equations.controls)
+    a, b, c, by_xi, by_eta = _coefficients(x, y, phi, psi, p, q)
+    jacobian = x.xi * y.eta - x.eta * y.xi
+    bent_xi = x.xi_xi + phi * x.xi, y.xi_xi + phi * y.xi
+    bent_eta = x.eta_eta + psi * x.eta, y.eta_eta + psi * y.eta
+    cross = x.xi_eta, y.xi_eta
+    along_xi, along_eta = (x.xi, y.xi), (x.eta, y.eta)
+    source = p * x.xi + q * x.eta, p * y.xi + q * y.eta
+    turned_eta, turned_xi = (y.eta, -x.eta), (-y.xi, x.xi)
+
+    def matrix(diagonal: Array, bent: Any, along: Any, other: Any, turned: Any) -> Any:
+        def entry(i: int, j: int) -> Array:
+            value = 2 * bent[i] * along[j] - 2 * cross[i] * other[j]
+            value = value + 2 * jacobian * source[i] * turned[j]
+            return value + diagonal if i == j else value
+
+        return tuple(jnp.pad(entry(i, j), 1) for i in (0, 1) for j in (0, 1))
+
+    return Derivative(
+        jnp.pad(a, 1),
+        jnp.pad(b, 1),
+        jnp.pad(c, 1),
+        matrix(by_xi, bent_eta, along_xi, along_eta, turned_eta),
+        matrix(by_eta, bent_xi, along_eta, along_xi, turned_xi),
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Linearised(AbstractOperator):
+    """A `Derivative` as an operator on changes that are zero on the walls."""
+
+    terms: Derivative
+
+    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+        x, y = (nodes.differences(plane) for plane in u)
+        a, b, c, of_xi, of_eta = jax.tree.map(nodes.of, self.terms)
+
+        def residual(d: _Differences, k: int) -> Array:
+            own = a * d.xi_xi - 2 * b * d.xi_eta + c * d.eta_eta
+            own = own + of_xi[2 * k] * x.xi + of_xi[2 * k + 1] * y.xi
+            return own + of_eta[2 * k] * x.eta + of_eta[2 * k + 1] * y.eta - nodes.of(f[k])
+
+        mean_xi, mean_eta = (of_xi[0] + of_xi[3]) / 2, (of_eta[0] + of_eta[3]) / 2
+        matrix = _line_matrix(a, c, mean_xi, mean_eta, nodes.axis)
+        return _Lines(*matrix, (residual(x, 0), residual(y, 1)))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Transposed(AbstractOperator):
+    """The transpose of `Linearised`: differences of products instead of products of differences."""
+
+    terms: Derivative
+
+    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+        a, b, c, of_xi, of_eta = self.terms
+
+        def second(weight: Plane, v: Plane, part: str) -> Array:
+            return getattr(nodes.differences(weight * v), part)
+
+        def residual(k: int) -> Array:
+            v = u[k]
+            own = second(a, v, "xi_xi") - 2 * second(b, v, "xi_eta") + second(c, v, "eta_eta")
+            by_xi = of_xi[k] * u[0] + of_xi[2 + k] * u[1]
+            by_eta = of_eta[k] * u[0] + of_eta[2 + k] * u[1]
+            own = own - nodes.differences(by_xi).xi - nodes.differences(by_eta).eta
+            return own - nodes.of(f[k])
+
+        mean_xi, mean_eta = (of_xi[0] + of_xi[3]) / 2, (of_eta[0] + of_eta[3]) / 2
+        lower, _, upper = _line_matrix(a, c, mean_xi, mean_eta, nodes.axis)
+        before, after = ((-1, 0), (1, 0)) if nodes.axis == 0 else ((0, -1), (0, 1))
+        # What acts on the node before is the upper coefficient of that node.
+        matrix = nodes.of(upper, *before), nodes.of(2 * (a + c)), nodes.of(lower, *after)
+        return _Lines(*matrix, (residual(0), residual(1)))
+
+
+def equations_of(controls: ControlFunctions) -> GridEquations:
+    """The equations with controls given at the interior nodes."""
+    return GridEquations(ControlFunctions(*(jnp.pad(field, 1, mode="edge") for field in controls)))
+
+
+def mean_correction(equations: GridEquations, u: Pair) -> Float[Array, ""]:
+    """What `winslow.mean_correction` gives, from planes."""
+    lines = equations.lines(u, each(jnp.zeros_like, u), _ALL)
+    x, y = lines.residual
+    return _total((jnp.abs(x) + jnp.abs(y)) / lines.diagonal) / (2 * x.size)
+
+
+def _total(values: Array) -> Float[Array, ""]:
+    """Sum of a plane, as products: a reduction would work out each value on its own, slowly."""
+    return jnp.ones(values.shape[0]) @ (values @ jnp.ones(values.shape[1]))
+
+
+def folded(u: Pair) -> Bool[Array, ""]:
+    """Whether a cell has a corner that is not convex."""
+    x, y = u
+
+    def corners(v: Plane) -> tuple[Array, Array, Array, Array]:
+        return v[:-1, :-1], v[1:, :-1], v[1:, 1:], v[:-1, 1:]
+
+    (ax, bx, cx, dx), (ay, by, cy, dy) = corners(x), corners(y)
+    least = jnp.minimum(
+        jnp.minimum(
+            (bx - ax) * (dy - ay) - (by - ay) * (dx - ax),
+            (cx - bx) * (ay - by) - (cy - by) * (ax - bx),
+        ),
+        jnp.minimum(
+            (dx - cx) * (by - cy) - (dy - cy) * (bx - cx),
+            (ax - dx) * (cy - dy) - (ay - dy) * (cx - dx),
+        ),
+    )
+    return ~(_total(jnp.where(least > 0, 0.0, 1.0)) == 0)

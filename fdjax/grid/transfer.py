@@ -1,0 +1,143 @@
+"""Lattices as two planes, x and y apart, and their transfer between lattices of any size.
+
+The compiler is far faster with two planes than with one array of points. Transfers are bilinear,
+one axis at a time; the coarser lattice of an odd number of nodes takes every second one.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+Plane = Float[Array, "ni nj"]
+Pair = tuple[Plane, Plane]
+"""A field of vectors: its x and its y."""
+
+COARSEST = 7
+"""A side of at most so many steps is not coarsened any more."""
+
+
+def planes(r: Float[Array, "ni nj 2"]) -> Pair:
+    """The coordinates apart."""
+    return r[..., 0], r[..., 1]
+
+
+def points(pair: Pair) -> Float[Array, "ni nj 2"]:
+    """The coordinates together again."""
+    return jnp.stack(pair, -1)
+
+
+def each(function: Any, *pairs: Pair) -> Pair:
+    return function(*(pair[0] for pair in pairs)), function(*(pair[1] for pair in pairs))
+
+
+def coarser(count: int) -> int:
+    """Nodes of the next coarser lattice along a side of `count` nodes."""
+    return count if count - 1 <= COARSEST else count // 2 + 1
+
+
+def _taken(u: Array, index: np.ndarray, weight: np.ndarray, axis: int) -> Array:
+    """sum_t weight[t, k] u[index[t, k]] along an axis."""
+    shape = [1, 1]
+    shape[axis] = -1
+    return sum(
+        (
+            jnp.take(u, i, axis, mode="clip") * w.reshape(shape)
+            for i, w in zip(index, weight, strict=True)
+        ),
+        jnp.zeros(()),
+    )
+
+
+def _between(places: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """The two nodes of `count` around each place, in steps, and their linear weights."""
+    low = np.clip(np.floor(places + 1e-9).astype(int), 0, count - 2)
+    share = places - low
+    return np.stack([low, low + 1]), np.stack([1 - share, share])
+
+
+def _places(count: int, others: int) -> np.ndarray:
+    """Where `count` equally spaced nodes lie among `others`, in steps of those."""
+    return np.arange(count) * ((others - 1) / (count - 1))
+
+
+def _refined(u: Array, count: int, axis: int) -> Array:
+    coarse = u.shape[axis]
+    if count == coarse:
+        return u
+    if count == 2 * coarse - 1:
+        middle = (
+            jax.lax.slice_in_dim(u, 1, None, axis=axis) + jax.lax.slice_in_dim(u, 0, -1, axis=axis)
+        ) / 2
+        return _spread(u, 0, 0, axis) + _spread(middle, 1, 1, axis)
+    return _taken(u, *_between(_places(count, coarse), coarse), axis)
+
+
+def _spread(u: Array, before: int, after: int, axis: int) -> Array:
+    """Zeros between the values along an axis, and so many before and after them."""
+    return _shifted(u, before, after, axis, between=1)
+
+
+def _shifted(u: Array, before: int, after: int, axis: int, between: int = 0) -> Array:
+    padding = [(0, 0, 0), (0, 0, 0)]
+    padding[axis] = (before, after, between)
+    return jax.lax.pad(u, jnp.zeros((), u.dtype), padding)
+
+
+def _sampled(u: Array, axis: int) -> Array:
+    count = u.shape[axis]
+    coarse = coarser(count)
+    if count == coarse:
+        return u
+    if count == 2 * coarse - 1:
+        return jax.lax.slice_in_dim(u, 0, None, 2, axis)
+    return _taken(u, *_between(_places(coarse, count), count), axis)
+
+
+def _averaged(u: Array, axis: int) -> Array:
+    """The transpose of refining, made a mean."""
+    count = u.shape[axis]
+    coarse = coarser(count)
+    if count == coarse:
+        return u
+    if count == 2 * coarse - 1:
+        # The same three weights everywhere but on the walls, which no residual has.
+        even = jax.lax.slice_in_dim(u, 0, None, 2, axis)
+        odd = jax.lax.slice_in_dim(u, 1, None, 2, axis)
+        return even / 2 + (_shifted(odd, 0, 1, axis) + _shifted(odd, 1, 0, axis)) / 4
+    index, weight = _between(_places(count, coarse), coarse)
+    matrix = np.zeros((count, coarse))
+    for i, w in zip(index, weight, strict=True):
+        np.add.at(matrix, (np.arange(count), i), w)
+    matrix /= matrix.sum(0)
+    taps = int((matrix > 0).sum(0).max())
+    first = np.minimum((matrix > 0).argmax(0), count - taps)
+    index = first + np.arange(taps)[:, None]
+    return _taken(u, index, np.take_along_axis(matrix, index, 0), axis)
+
+
+def _both(step: Any, u: Array) -> Array:
+    return step(step(u, 0), 1)
+
+
+def restricted(u: Plane) -> Plane:
+    """Values of the next coarser lattice, by bilinear interpolation."""
+    return _both(_sampled, u)
+
+
+def restricted_residual(u: Plane) -> Plane:
+    """The mean residual around each node of the next coarser lattice, per its own steps."""
+    coarse = _both(_averaged, u)
+    step = np.prod([(n - 1) / (m - 1) for n, m in zip(u.shape, coarse.shape, strict=True)])
+    return interior(coarse * step**2)
+
+
+def prolonged(u: Plane, shape: tuple[int, int]) -> Plane:
+    return _refined(_refined(u, shape[0], 0), shape[1], 1)
+
+
+def interior(u: Plane) -> Plane:
+    """The plane with zeros on the walls."""
+    return jnp.pad(u[1:-1, 1:-1], 1)
