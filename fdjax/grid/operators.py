@@ -282,22 +282,26 @@ def _total(values: Array) -> Float[Array, ""]:
     return jnp.ones(values.shape[0]) @ (values @ jnp.ones(values.shape[1]))
 
 
-def folded(u: Pair) -> Bool[Array, ""]:
-    """Whether a cell has a corner that is not convex."""
-    x, y = u
+def corner_jacobians(u: Pair) -> tuple[Array, Array, Array, Array]:
+    """Twice the signed area of the triangle at each corner of every cell, mm^2.
+
+    The grid is unfolded where all are positive: then every bilinear cell is one-to-one.
+    """
 
     def corners(v: Plane) -> tuple[Array, Array, Array, Array]:
         return v[:-1, :-1], v[1:, :-1], v[1:, 1:], v[:-1, 1:]
 
-    (ax, bx, cx, dx), (ay, by, cy, dy) = corners(x), corners(y)
-    least = jnp.minimum(
-        jnp.minimum(
-            (bx - ax) * (dy - ay) - (by - ay) * (dx - ax),
-            (cx - bx) * (ay - by) - (cy - by) * (ax - bx),
-        ),
-        jnp.minimum(
-            (dx - cx) * (by - cy) - (dy - cy) * (bx - cx),
-            (ax - dx) * (cy - dy) - (ay - dy) * (cx - dx),
-        ),
+    (ax, bx, cx, dx), (ay, by, cy, dy) = map(corners, u)
+    return (
+        (bx - ax) * (dy - ay) - (by - ay) * (dx - ax),
+        (cx - bx) * (ay - by) - (cy - by) * (ax - bx),
+        (dx - cx) * (by - cy) - (dy - cy) * (bx - cx),
+        (ax - dx) * (cy - dy) - (ay - dy) * (cx - dx),
     )
-    return ~(_total(jnp.where(least > 0, 0.0, 1.0)) == 0)
+
+
+def folded(u: Pair) -> Bool[Array, ""]:
+    """Whether a cell has a corner that is not convex, or is no number."""
+    a, b, c, d = corner_jacobians(u)
+    least = jnp.minimum(jnp.minimum(a, b), jnp.minimum(c, d))
+    return _total(jnp.where(least > 0, 0.0, 1.0)) > 0

@@ -128,21 +128,6 @@ def linearise(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> Stencil
     )
 
 
-def corner_jacobians(r: Float[Array, "ni nj 2"]) -> Float[Array, "4 i j"]:
-    """Twice the signed area of the triangle at each corner of every cell, mm^2.
-
-    The grid is unfolded where all are positive: then every bilinear cell is one-to-one.
-    """
-    a, b, c, d = r[:-1, :-1], r[1:, :-1], r[1:, 1:], r[:-1, 1:]
-
-    def cross(u: Array, v: Array) -> Array:
-        return u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-
-    return jnp.stack(
-        [cross(b - a, d - a), cross(c - b, a - b), cross(d - c, b - c), cross(a - d, c - d)]
-    )
-
-
 def boundary_controls(r: Float[Array, "ni nj 2"]) -> tuple[Array, Array]:
     """phi and psi per index step that carry the sides' spacing into the interior.
 
