@@ -220,3 +220,16 @@ def test_sides_that_do_not_meet_and_controls_that_are_not_finite_are_refused():
         Elliptic(sides, phi=float("inf"))
     with pytest.raises(InputError, match="at least 5"):
         Elliptic(sides, nodes=(4, 9))
+
+
+def test_controls_per_index_step_are_the_papers_numbers():
+    sides, nodes = Sides.of(cosine_top()), (13, 11)
+
+    @quick_jit
+    def lattice(elliptic):
+        return elliptic.solve()[0]
+
+    solver = Newton()
+    unit = lattice(Elliptic(sides, phi=0.36, psi=-0.3, nodes=nodes, solver=solver))
+    stepped = Elliptic(sides, phi_index=0.03, psi_index=-0.03, nodes=nodes, solver=solver)
+    np.testing.assert_allclose(lattice(stepped), unit, atol=1e-10)
