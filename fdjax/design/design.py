@@ -132,7 +132,7 @@ def design(
     - `window`: side (mm) of the windows in which `objective` "windows" compares porosity,
       turn-arounds included; "cells" compares the lines' own cells.
     - `smoothness`: weight of roughness; `iterations`: most evaluations in all; `patience`: gain
-      of the objective over four evaluations below which a stage ends.
+      of the objective over four improvements below which a stage ends.
 
     Raises `InputError` for what cannot be designed at all. A result that folds or misses is
     returned, and says so.

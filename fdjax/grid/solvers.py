@@ -187,8 +187,9 @@ def _cut_back(
 class Multigrid(AbstractSolver):
     """Full multigrid, line-relaxed: `fdjax.grid.multigrid`; the solver of choice for any size.
 
-    The first iteration is a full-multigrid start, the others are W-cycles, each cut back like a
-    Newton step where it folds the lattice or does not help. Stops when the mean correction is
+    The first iteration is a full-multigrid start, the others are cycles, each cut back like a
+    Newton step where it folds the lattice or does not help; where all shorter ones fold too, the
+    whole one is taken, and later ones may unfold it again. Stops when the mean correction is
     below `tolerance` times that of the starting lattice, or as small as rounding lets it be.
     """
 
