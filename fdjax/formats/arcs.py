@@ -5,6 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fdjax.errors import InputError
+
+Point = tuple[float, float]
+
 SAGITTA = 0.01
 """Largest distance between an arc and its polyline, mm."""
 
@@ -26,3 +30,29 @@ def arc_points(
     angle = sweep * np.arange(1, count + 1) / count
     cos, sin = np.cos(angle), np.sin(angle)
     return np.stack([centre[0] + dx * cos - dy * sin, centre[1] + dx * sin + dy * cos], 1)
+
+
+def between(start: Point, end: Point, centre: Point, turn: int) -> list[Point]:
+    """Points after `start` along the arc to `end`; `turn` is 1 counter-clockwise, -1 clockwise.
+
+    Where start and end are one point, a full circle.
+    """
+    angles = [math.atan2(p[1] - centre[1], p[0] - centre[0]) for p in (start, end)]
+    sweep = (angles[1] - angles[0]) * turn % (2 * math.pi) or 2 * math.pi
+    points = arc_points(start, centre, turn * sweep)
+    points[-1] = end
+    return [(x, y) for x, y in points.tolist()]
+
+
+def centre(start: Point, end: Point, radius: float, turn: int) -> Point:
+    """Centre of the arc of this radius; the longer way round where the radius is negative.
+
+    Raises `InputError` where no such arc spans the two points.
+    """
+    dx, dy = end[0] - start[0], end[1] - start[1]
+    chord = math.hypot(dx, dy)
+    if chord == 0 or abs(radius) < chord / 2 * (1 - 1e-4):
+        raise InputError(f"no arc of radius {abs(radius):g} mm spans {chord:g} mm")
+    away = math.sqrt(max(radius**2 - chord**2 / 4, 0.0)) / chord
+    side = turn * math.copysign(1, radius)
+    return (start[0] + dx / 2 - side * away * dy, start[1] + dy / 2 + side * away * dx)

@@ -7,7 +7,7 @@ import numpy as np
 from shapely import Polygon
 
 from fdjax.errors import InputError
-from fdjax.formats.arcs import arc_points
+from fdjax.formats import arcs
 from fdjax.formats.assembly import Assembly, option
 from fdjax.formats.profile import Machine
 from fdjax.plan.toolpath import Build
@@ -203,24 +203,22 @@ class _Printer:
             raise InputError("an arc out of the XY plane (after G18 or G19) cannot be read")
         k, shift, start = self._scale, self._shift, (self._x, self._y)
         base = (shift["X"], shift["Y"], shift["Z"]) if self._absolute else (*start, self._z)
-        end = tuple(
-            words[axis] * k + base[i] if axis in words else start[i] for i, axis in enumerate("XY")
+        end = (
+            words["X"] * k + base[0] if "X" in words else start[0],
+            words["Y"] * k + base[1] if "Y" in words else start[1],
         )
         z = words["Z"] * k + base[2] if "Z" in words else self._z
         if "R" in words:
-            centre = _centre(start, end, words["R"] * k, turn)
+            centre = arcs.centre(start, end, words["R"] * k, turn)
         elif "I" in words or "J" in words:
             centre = (start[0] + words.get("I", 0.0) * k, start[1] + words.get("J", 0.0) * k)
         else:
             raise InputError("an arc needs I and J, or R")
-        angles = [math.atan2(p[1] - centre[1], p[0] - centre[0]) for p in (start, end)]
-        sweep = (angles[1] - angles[0]) * turn % (2 * math.pi) or 2 * math.pi
-        points = arc_points(start, centre, turn * sweep)
-        points[-1] = end
+        points = arcs.between(start, end, centre, turn)
         pushed = self._filament(words["E"] * k) if "E" in words else None
         share = None if pushed is None else pushed / len(points)
         rise = (z - self._z) / len(points)
-        for x, y in points.tolist():
+        for x, y in points:
             self._go(x, y, self._z + rise, share)
         self._z = z
 
@@ -276,16 +274,3 @@ def _words(text: str, *, bare: bool) -> dict[str, float]:
         words[match[1].upper()] = float(match[2] or 0.0)
         end = match.end()
     return words
-
-
-def _centre(
-    start: tuple[float, float], end: tuple[float, ...], radius: float, turn: int
-) -> tuple[float, float]:
-    """Centre of the arc of this radius; the longer way round where the radius is negative."""
-    dx, dy = end[0] - start[0], end[1] - start[1]
-    chord = math.hypot(dx, dy)
-    if chord == 0 or abs(radius) < chord / 2 * (1 - 1e-4):
-        raise InputError(f"no arc of radius {abs(radius):g} mm spans {chord:g} mm")
-    away = math.sqrt(max(radius**2 - chord**2 / 4, 0.0)) / chord
-    side = turn * math.copysign(1, radius)
-    return (start[0] + dx / 2 - side * away * dy, start[1] + dy / 2 + side * away * dx)
