@@ -17,3 +17,18 @@ class DesignError(FdjaxError):
 
     The command line prints it and exits with code 3; no machine file is written.
     """
+
+
+class StreamError(FdjaxError):
+    """A print that had begun stopped before its end.
+
+    The command line prints it and exits with code 4.
+
+    - `line`: of the file, the first that is not known to have been run; `sent`: the last that was
+      sent. Everything before `line` was run once, nothing after `sent` was.
+    """
+
+    def __init__(self, message: str, *, line: int = 0, sent: int = 0) -> None:
+        super().__init__(message)
+        self.line = line
+        self.sent = sent

@@ -121,6 +121,36 @@ class Sml:
 
 
 @dataclass(frozen=True)
+class Stream:
+    """How to talk to a machine, and what to check before.
+
+    - `firmware`: marlin, klipper, rrf, grbl or sml; `auto`: whatever answers.
+    - `baud`: bits a second; `bytesize`, `parity`: of a byte on the line; `handshake`: of SML, one
+      or more of enq-ack, xon-xoff and dtr.
+    - `acceleration`: mm/s^2; `corner_speed`: mm/s, change of velocity that is made at once. Both
+      for the time that a print takes.
+    - `hottest`: nozzle and bed, degrees Celsius; `density`: of the material, g/cm^3.
+    - `park_lift`, `park_retract`: mm that the nozzle rises and filament is pulled back in a pause.
+    """
+
+    firmware: str = key(strict.choice("auto", "marlin", "klipper", "rrf", "grbl", "sml"))
+    baud: int = key(strict.whole(300, 4_000_000))
+    bytesize: int = key(strict.whole(7, 8), default=8)
+    parity: str = key(strict.choice("none", "even", "odd"), default="none")
+    handshake: tuple[str, ...] = key(strict.lines(), default=())
+    acceleration: float = key(strict.number(1, 100_000), default=1000.0)
+    corner_speed: float = key(strict.number(0, 1000), default=8.0)
+    hottest: tuple[float, float] = key(strict.pair(0, 600), default=(275.0, 120.0))
+    density: float = key(strict.number(0.1, 30), default=1.24)
+    park_lift: float = key(strict.length(0, 100), default=10.0)
+    park_retract: float = key(strict.length(0, 20), default=2.0)
+
+
+HANDSHAKES = ("enq-ack", "xon-xoff", "dtr")
+"""Ways in which an SML machine says that its buffer is full."""
+
+
+@dataclass(frozen=True)
 class Machine:
     """What every machine says of itself; lengths in mm.
 
@@ -133,6 +163,7 @@ class Machine:
       preferred to lifting where it is shorter than this and the travel together.
     - `least_spacing`: of roads of one family; None means the road width, so roads may touch.
     - `unverified`: dotted keys that no public source confirms.
+    - `stream`: how to talk to it.
     """
 
     name: str = key(strict.text)
@@ -149,6 +180,7 @@ class Machine:
     unverified: tuple[str, ...] = key(strict.lines(), default=())
     gcode: Gcode | None = key(table(Gcode), default=None)
     sml: Sml | None = key(table(Sml), default=None)
+    stream: Stream = key(table(Stream), default=Stream("auto", 115200))
 
     @property
     def limits(self) -> Limits:
@@ -200,6 +232,10 @@ def _check(machine: Machine, where: str) -> None:
             value = getattr(value, part, None)
         if value is None:
             raise InputError(f"{where}: unverified: there is no key {dotted!r}")
+    for name in machine.stream.handshake:
+        if name not in HANDSHAKES:
+            known = ", ".join(HANDSHAKES)
+            raise InputError(f"{where}: stream.handshake: {name!r}; one of {known} is needed")
     if machine.sml is not None:
         sml = machine.sml
         check([sml.layer], ["z"], f"{where}: sml.layer")

@@ -89,6 +89,18 @@ def number(least: float, most: float) -> Reader:
     return read
 
 
+def pair(least: float, most: float) -> Reader:
+    """A list of two numbers, each from `least` to `most`."""
+    one = number(least, most)
+
+    def read(value: Any, where: str) -> tuple[float, float]:
+        if not isinstance(value, list) or len(value) != 2:
+            raise InputError(f"{where}: {value!r}; a list of two numbers is needed")
+        return one(value[0], where), one(value[1], where)
+
+    return read
+
+
 def whole(least: int, most: int, *, odd: bool = False) -> Reader:
     """A whole number from `least` to `most`, odd ones only if `odd`."""
 
