@@ -1,0 +1,116 @@
+"""A machine file as what is sent of it: its commands, line by line, never loaded whole."""
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from fdjax.errors import InputError
+from fdjax.formats import FORMATS
+from fdjax.formats.profile import Machine
+from fdjax.machine.gcode_state import GcodeState
+from fdjax.machine.sml_state import SmlState
+
+_PARENTHESES = re.compile(r"\([^)]*\)")
+_FRAME = re.compile(r"^\s*[Nn]\d+\s*|\s*\*\s*\d+\s*$")  # line number, checksum
+_LAYER = re.compile(r"\W*fdjax layer |;\s*(LAYER:|LAYER_CHANGE)")
+_FACT = re.compile(r"\W*fdjax (\S+) = (.*)")
+
+
+class Command(NamedTuple):
+    """What is sent of one line of the file: no comments, no frame, never empty."""
+
+    text: str
+    line: int
+
+
+State = GcodeState | SmlState
+
+
+@dataclass(frozen=True)
+class Program:
+    """A G-code or SML file for a machine.
+
+    Raises `InputError` for a file that is not there, is of another kind or of another language
+    than the machine's.
+    """
+
+    path: Path
+    machine: Machine
+
+    def __post_init__(self) -> None:
+        suffix = self.path.suffix.lower()
+        language = FORMATS.get(suffix, "").rpartition(".")[2]
+        if language not in ("gcode", "sml"):
+            raise InputError(f"{self.path}: unknown kind of file; .gcode, .gco, .g or .sml")
+        if getattr(self.machine, language) is None:
+            raise InputError(
+                f"{self.path}: {self.machine.name} takes no {language}; "
+                "name the machine that the file was written for"
+            )
+        try:
+            with self.path.open("rb") as file:
+                head = file.read(4096)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be read ({error.strerror})") from None
+        if b"\0" in head:
+            raise InputError(f"{self.path}: the file is binary")
+
+    @property
+    def language(self) -> str:
+        """ "gcode" or "sml"."""
+        return "sml" if self.path.suffix.lower() == ".sml" else "gcode"
+
+    def state(self) -> State:
+        """The machine before the first line."""
+        if self.machine.sml is not None and self.language == "sml":
+            return SmlState(self.machine.sml)
+        return GcodeState.of(self.machine)
+
+    def lines(self) -> Iterator[tuple[int, str]]:
+        """Number and text of every line."""
+        with self.path.open(encoding="utf-8", errors="replace") as file:
+            yield from enumerate(file, 1)
+
+    def commands(self, after: int = 0) -> Iterator[Command]:
+        """What there is to send of the lines after one."""
+        strip = self._sml if self.language == "sml" else self._gcode
+        for number, line in self.lines():
+            if number > after:
+                text = strip(line)
+                if text:
+                    yield Command(text, number)
+
+    def _gcode(self, line: str) -> str:
+        text = line.partition(";")[0]
+        if "(" in text:
+            text = _PARENTHESES.sub("", text)
+        if "*" in text or text[:1] in "Nn \t":
+            text = _FRAME.sub("", text)
+        return text.strip()
+
+    def _sml(self, line: str) -> str:
+        comment = self.machine.sml.comment if self.machine.sml else "#"
+        return "" if line.lstrip().startswith(comment) else line.strip()
+
+    def is_layer(self, line: str) -> bool:
+        """Whether a line is a comment that begins a layer."""
+        return line[:1] in ";#" and _LAYER.match(line) is not None
+
+    def facts(self) -> dict[str, str]:
+        """What the head of a file of fdjax says of it, without values that span lines."""
+        found = {}
+        for number, line in self.lines():
+            match = _FACT.match(line)
+            if match is not None:
+                found.setdefault(match[1], match[2].strip())
+            elif number > 64:
+                break
+        return found
+
+    def digest(self) -> str:
+        """SHA-256 of the file."""
+        with self.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,182 @@
+"""The G-code interpreter: modes, units, filament, arcs; and that it deposits what a file holds."""
+
+import dataclasses
+import math
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fdjax.errors import InputError
+from fdjax.formats import gcode, profile, read_file, write_file
+from fdjax.machine.gcode_state import GcodeState, parse
+from fdjax.machine.program import Program
+
+sys.path.append(str(Path(__file__).parents[1] / "formats"))
+from format_samples import builds, small_build
+
+MARLIN = profile.load("marlin-0.4")
+BARE = dataclasses.replace(MARLIN, gcode=dataclasses.replace(MARLIN.gcode, tools=2, prime=()))
+
+
+def after(*lines, **start):
+    """State and moves after these lines."""
+    state = GcodeState(**start)
+    return state, [move for line in lines for move in state.run(line)]
+
+
+def deposited(moves):
+    """Volume along XY moves, what was pulled back being owed first, mm^3."""
+    owed, volume = 0.0, 0.0
+    for move in moves:
+        owed -= move.volume
+        if owed < 0:
+            volume -= owed if move.start != move.end else 0.0
+            owed = 0.0
+    return volume
+
+
+def volume_of(build):
+    return math.fsum(
+        road.segment_volumes(layer.height).sum() for layer in build.layers for road in layer.roads
+    )
+
+
+@pytest.mark.parametrize(
+    ("code", "name", "words"),
+    [
+        ("G1 X10 F1200", "G1", {"X": 10, "F": 1200}),
+        ("g01x10y-.5", "G1", {"X": 10, "Y": -0.5}),
+        ("G28 X", "G28", {"X": 0}),
+        ("M117 Layer 3 of 7", "M117", {}),
+        ('M862.3 P "MK3S"', "M862.3", {"P": 0}),
+        ("SET_FAN_SPEED FAN=x SPEED=0.5", "SET_FAN_SPEED", {}),
+        ("G1_MACRO", "G1_MACRO", {}),
+        ("$H", "$H", {}),
+        ("T1", "T1", {}),
+        ("X-1.5Y2", "", {"X": -1.5, "Y": 2}),
+    ],
+)
+def test_commands_are_parsed(code, name, words):
+    assert parse(code) == (name, words)
+
+
+@pytest.mark.parametrize("code", ["?", "G1 X1.2.3", "G", "12", "G1 E1e-5", "G1 X1 X2", "G1 X=3"])
+def test_damaged_commands_are_refused(code):
+    with pytest.raises(InputError):
+        parse(code)
+
+
+def test_plain_lines_do_what_all_others_do():
+    plain, fast = after("G92 E0", "G1 X1 Y2 E0.5 F600", "G1 X-3 Y4.25 E1.5", "G0 X0 Y0")
+    other, slow = after("G92 E0", "G1 F600 X1 Y2 E0.5", "g1 X-3Y4.25E1.5", "G0 Y0 X0")
+    assert fast == slow
+    assert plain == other
+
+
+def test_relative_moves_and_units():
+    state, moves = after("G20", "G91", "G1 X1 E0.1 F60", "X1 Y-1", "G90", "G21", "G0 Z5")
+    assert state.position == (None, None, 5, None)  # G91 says nothing of where they were
+    assert (state.x, state.y, state.e) == pytest.approx((50.8, -25.4, 2.54))
+    assert [move.speed for move in moves] == pytest.approx([25.4] * 3)
+    assert moves[-1].end == pytest.approx((50.8, -25.4, 5))
+
+
+def test_speed_before_any_is_that_of_marlin():
+    assert after("G0 X10")[1][0].speed == 25
+
+
+def test_position_is_shifted_by_g92_and_not_by_homing():
+    state, moves = after("G28", "G1 X10 Y10 Z1", "G92 X0", "G1 X5", "G28 X")
+    assert moves[-2].end == (15, 10, 1)
+    assert state.on_bed == (0, 10, 1)
+    assert state.homed == {"X", "Y", "Z"}
+    assert state.unknown == {"X", "E"}
+
+
+def test_filament_is_absolute_relative_and_reset():
+    lines = ["G1 X1 E2", "G1 X2 E3", "G92 E0", "G1 X3 E1", "M83", "G1 X4 E1", "G1 E-0.5 F600"]
+    state, moves = after(*lines)
+    pushed = [move.volume / state.filament_area for move in moves]
+    assert pushed == pytest.approx([2, 1, 1, 1, -0.5])
+    assert state.filament == pytest.approx(4.5)
+    assert moves[-1].seconds == pytest.approx(0.05)
+    assert moves[-1].start == moves[-1].end
+
+
+def test_flow_and_diameter_scale_the_volume():
+    _, moves = after("M83", "G1 X1 E2", filament_area=3.0, flow=1.5)
+    assert moves[0].volume == pytest.approx(4)
+
+
+def test_heat_fan_tools_and_waits():
+    state, moves = after(
+        "M140 S60", "M109 R215", "M104 T1 S180", "M106", "T1", "G4 P250", "G4 S2", "M190 S55"
+    )
+    assert (state.bed, state.nozzles, state.nozzle) == (55, {0: 215, 1: 180}, 180)
+    assert state.fan == 255
+    assert [move.seconds for move in moves] == [0.25, 2]
+    assert after("G10 P1 S200 R150")[0].nozzles == {1: 200}
+
+
+@pytest.mark.parametrize("name", ["G2", "G3"])
+def test_arcs_are_fine_polylines_that_share_the_filament(name):
+    turn = 1 if name == "G3" else -1
+    state, moves = after("M83", "G1 X10 Y0", f"{name} X0 Y{10 * turn} I-10 J0 E3")
+    length = sum(move.length for move in moves[1:])
+    assert length == pytest.approx(5 * math.pi, rel=1e-3)
+    assert all(math.hypot(*move.end[:2]) == pytest.approx(10) for move in moves[1:])
+    assert sum(move.volume for move in moves) == pytest.approx(3 * state.filament_area)
+    by_radius = after("M83", "G1 X10 Y0", f"{name} X0 Y{10 * turn} R10 E3")[1]
+    assert by_radius[-1].end == pytest.approx(moves[-1].end)
+    assert len(by_radius) == len(moves)
+
+
+@pytest.mark.parametrize("code", ["G2 X5", "G2 X5 R1"])
+def test_arcs_without_a_centre_are_refused(code):
+    with pytest.raises(InputError):
+        after(code)
+
+
+def test_several_commands_in_a_line():
+    state, moves = after("G21 G91", "G90 G0 X5 Y5 F600", "G1X7M8", "X-1.5")
+    assert state.absolute
+    assert [move.end[0] for move in moves] == [5, 7, -1.5]
+
+
+def test_power_deposits_along_g1_only():
+    _, moves = after("M3 S500", "G0 X10", "G1 X20", "M5", "G1 X30", area_per_power=1e-3)
+    assert [move.volume for move in moves] == pytest.approx([0, 5, 0])
+
+
+def test_a_copy_goes_its_own_way():
+    state = after("M104 S200")[0]
+    other = state.copy()
+    other.run("M104 S100")
+    other.run("G1 X5")
+    assert (state.nozzle, state.x) == (200, 0)
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_deposits_what_a_file_holds(tmp_path, relative):
+    machine = dataclasses.replace(BARE, gcode=dataclasses.replace(BARE.gcode, relative_e=relative))
+    path = tmp_path / "part.gcode"
+    write_file(small_build(materials=2), path, machine)
+    program = Program(path, machine)
+    state = program.state()
+    moves = [move for command in program.commands() for move in state.run(command.text)]
+    assert deposited(moves) == pytest.approx(volume_of(read_file(path)), rel=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(build=builds(), data=st.data())
+def test_deposits_what_any_file_holds(build, data, tmp_path_factory):
+    path = tmp_path_factory.mktemp("any") / "part.gcode"
+    path.write_text(gcode.write(build, BARE))
+    program = Program(path, BARE)
+    state = program.state()
+    moves = [move for command in program.commands() for move in state.run(command.text)]
+    held = gcode.read(path.read_text(), machine=BARE) if any(m.volume > 0 for m in moves) else None
+    assert deposited(moves) == pytest.approx(volume_of(held) if held else 0, rel=1e-9)
