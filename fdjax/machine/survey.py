@@ -1,0 +1,424 @@
+"""One look through a whole machine file before anything of it is sent."""
+
+import os
+import re
+import sys
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import inf
+
+from fdjax.errors import InputError
+from fdjax.machine.gcode_state import GcodeState, parse
+from fdjax.machine.motion import MotionTime
+from fdjax.machine.moves import Move, Point
+from fdjax.machine.program import Program
+from fdjax.machine.sml_state import SmlState
+
+LONGEST = {"auto": 96, "marlin": 96, "rrf": 256, "grbl": 80, "sml": 256}
+"""Bytes of a line, its frame and its end included, that a firmware's buffer holds. Marlin's
+MAX_CMD_SIZE, grbl's LINE_BUFFER_SIZE, RepRapFirmware's, and of SML one command."""
+COLDEST = 150.0
+"""Degrees Celsius; firmware pushes no filament through a colder nozzle, or strips it."""
+
+_FORBIDDEN = {
+    "M0": "it waits for a person at the machine's own buttons",
+    "M1": "it waits for a person at the machine's own buttons",
+    "M28": "it writes what follows to the machine's card instead of running it",
+    "M29": "it ends writing to the machine's card",
+    "M30": "it deletes a file on the machine's card",
+    "M108": "it breaks off a wait for heat",
+    "M112": "it is an emergency stop",
+    "M410": "it breaks off motion, so the position is lost",
+    "M500": "it overwrites the machine's stored settings",
+    "M502": "it resets the machine's settings",
+    "M999": "it restarts the machine after a fault, whatever that was",
+}
+_PRINTERS = frozenset({"auto", "marlin", "klipper", "rrf"})
+_HALTS = frozenset({"G28", "$H", "M109", "M190", "M400"})
+"""They wait until the machine stands still."""
+_HOME = {"sml": "FH", "grbl": "$H"}
+_END = re.compile(r"\W*fdjax end\s*$")
+_LEAST = -1e-6
+"""How far off the bed a move may be, by rounding, mm."""
+_STEP = 20_000
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One kind of fault in a file.
+
+    - `severity`: "error" (the file must not be sent) or "warning".
+    - `kind`: "bed", "heat", "long line", "forbidden", "homing", "units", "cold", "left on",
+      "unknown" (or damaged), "binary", "empty", "truncated", "tool" or "machine".
+    - `message`: what is wrong and what would be right; `line`: of the file, where first, 0 for the
+      file as a whole; `count`: in how many lines.
+    """
+
+    severity: str
+    kind: str
+    message: str
+    line: int
+    count: int = 1
+
+    def __str__(self) -> str:
+        where = f", line {self.line}" if self.line else ""
+        more = f" (and in {self.count - 1} more)" if self.count > 1 else ""
+        return f"{self.severity}: {self.kind}{where}: {self.message}{more}"
+
+
+@dataclass(frozen=True)
+class LayerStart:
+    """A layer's first line in the file, its z in mm if it deposits, and the seconds before it."""
+
+    line: int
+    z: float | None
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What a file will do.
+
+    - `lines`: of the file; `commands`: how many of them are sent.
+    - `seconds`: that motion and waits take; heating and homing come on top.
+    - `volume`: of material, mm^3; `filament`: mm of it, 0 for SML; `grams`: by the machine's
+      density. What is pulled back and pushed again counts once; priming counts.
+    - `deposits`, `moves`: smallest and largest x, y, z on the bed, mm, of deposits and of all
+      motion but homing; None where there is none.
+    - `nozzle`, `bed`: the highest temperatures asked for, degrees Celsius.
+    """
+
+    lines: int
+    commands: int
+    layers: tuple[LayerStart, ...]
+    seconds: float
+    volume: float
+    filament: float
+    grams: float
+    deposits: tuple[Point, Point] | None
+    moves: tuple[Point, Point] | None
+    nozzle: float
+    bed: float
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """The findings that forbid sending."""
+        return tuple(finding for finding in self.findings if finding.severity == "error")
+
+    def layer_of(self, line: int) -> int:
+        """The layer that a file line lies in, from 1; 0 before the first."""
+        return bisect_right(self.layers, line, key=lambda layer: layer.line)
+
+
+def survey(
+    program: Program,
+    *,
+    longest: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Survey:
+    """Run a program through its interpreter, line by line, and tell what it would do.
+
+    `longest` replaces the firmware's longest line, bytes; `progress` is called now and then with
+    the share of the file that has been read. Faults of the file are findings, not exceptions.
+    """
+    surveyor = _Surveyor(program, longest)
+    take = surveyor.take
+    size, done, number = max(os.path.getsize(program.path), 1), 0, 0
+    for number, line in program.lines():
+        done += len(line)
+        take(number, line)
+        if progress is not None and number % _STEP == 0:
+            progress(min(done / size, 1.0))
+    return surveyor.result(number)
+
+
+class _Box:
+    """Smallest and largest coordinates."""
+
+    def __init__(self) -> None:
+        self.low: Point = (inf, inf, inf)
+        self.high: Point = (-inf, -inf, -inf)
+
+    def add(self, point: Point) -> None:
+        (x, y, z), (a, b, c), (d, e, f) = point, self.low, self.high
+        if not (a <= x <= d and b <= y <= e and c <= z <= f):
+            self.low = (min(a, x), min(b, y), min(c, z))
+            self.high = (max(d, x), max(e, y), max(f, z))
+
+    def corners(self) -> tuple[Point, Point] | None:
+        return None if self.low[0] == inf else (self.low, self.high)
+
+
+class _Surveyor:
+    """Takes the lines of a program one by one."""
+
+    def __init__(self, program: Program, longest: int | None) -> None:
+        stream = program.machine.stream
+        self._program = program
+        self._machine = program.machine
+        self._state = program.state()
+        sml = isinstance(self._state, SmlState)
+        self._firmware = "sml" if sml else stream.firmware
+        self._room = [side - _LEAST for side in program.machine.bed]
+        self._strip = program._sml if sml else program._gcode
+        self._run = self._run_sml if sml else self._run_gcode
+        self._longest = longest or LONGEST.get(self._firmware, 0)
+        self._short = self._longest - 20 if self._longest else sys.maxsize  # a frame takes 17
+        self._motion = MotionTime(stream.acceleration, stream.corner_speed)
+        self._facts = program.facts()
+        self._found: dict[str, Finding] = {}
+        self._last: dict[str, int] = {}  # line in which each was found last
+        self._line = self._commands = 0
+        self._volume = self._owed = 0.0  # owed: pulled back and not yet returned
+        self._owings: dict[int, float] = {}  # of tools that are not in use
+        self._tool = 0
+        self._deposits, self._moves = _Box(), _Box()
+        self._hottest = [0.0, 0.0]
+        self._layers: list[tuple[int, float | None]] = []
+        self._marks = 0  # marks of time that are no layer's
+        self._z: float | None = None  # of the layer's last deposit
+        self._top = -inf
+        self._layered = self._ended = self._macros = False
+        self._united = sml
+        self._unhomed = self._cold = True
+        self._see()
+
+    def take(self, number: int, line: str) -> None:
+        """Take the next line of the file."""
+        text = self._strip(line)
+        if not text:
+            if self._program.is_layer(line):
+                self._begin_layer(number)
+            elif _END.match(line):
+                self._ended = True
+            return
+        self._line = number
+        self._commands += 1
+        if len(text) > self._short or not text.isascii():
+            self._measure(text)
+        try:
+            moves = self._run(text)
+        except InputError as error:
+            self._refuse(text, error)
+            return
+        for move in moves:
+            start, end, _, volume, _ = move
+            if start != end:
+                if self._unhomed:
+                    self._check_home(start, end)
+                self._moves.add(end)
+                x, y, z = end
+                a, b, c = self._room
+                if not (_LEAST <= x <= a and _LEAST <= y <= b and _LEAST <= z <= c):
+                    self._outside(end)
+            if volume:
+                self._deposit(start, end, volume)
+            self._motion.add(move)
+
+    def _run_gcode(self, text: str) -> tuple[Move, ...]:
+        moves = self._state.run(text)
+        if text[:3] in ("G1 ", "G0 "):
+            return moves
+        name, words = parse(text)
+        names = {name, *(f"{letter}{words[letter]:g}" for letter in "GM" if letter in words)}
+        for other in names & _FORBIDDEN.keys():
+            if not (other == "M30" and self._firmware == "grbl"):
+                right = f"{other} may not stand in a file that is sent: {_FORBIDDEN[other]}"
+                self._say("error", "forbidden", right, other)
+        self._united = self._united or bool(names & {"G20", "G21"})
+        if not (name and name[0] in "GMT" and name[1].isdigit()):
+            self._foreign(name, text)
+        self._macros = self._macros or name == "M98"
+        if name in _HALTS:
+            self._motion.flush()
+        self._see()
+        return () if name in ("G28", "$H") else moves
+
+    def _run_sml(self, text: str) -> tuple[Move, ...]:
+        if "FH" not in text.upper():
+            return self._state.run(text)
+        moves: tuple[Move, ...] = ()
+        for command in re.findall(r"[^;]*;|[^;]+$", text):
+            made = self._state.run(command)
+            moves += () if "FH" in command.upper() else made
+        self._motion.flush()
+        self._see()
+        return moves
+
+    def _see(self) -> None:
+        """Look at what only a few lines change: homed axes, heat and tools."""
+        state = self._state
+        if isinstance(state, SmlState):
+            self._unhomed, self._cold = not state.homed, False
+            return
+        self._unhomed = not state.homed.issuperset("XYZ")
+        self._cold = self._firmware in _PRINTERS and state.nozzle < COLDEST
+        heat = (max(state.nozzles.values(), default=0.0), state.bed)
+        self._hottest = [max(pair) for pair in zip(self._hottest, heat, strict=True)]
+        limits = self._machine.stream.hottest
+        for name, asked, limit in zip(("nozzle", "bed"), heat, limits, strict=True):
+            if asked > limit:
+                right = f"at most {limit:g} C is right for this machine"
+                self._say("error", "heat", f"{name} {asked:g} C; {right}", name)
+        count = self._machine.gcode.tools if self._machine.gcode else 1
+        tool = max({state.tool, *state.nozzles})
+        if tool >= count:
+            many = f"{count} tool{'s' * (count > 1)}, counted from 0"
+            self._say("error", "tool", f"tool {tool}, but {self._machine.name} has {many}")
+        if state.tool != self._tool:
+            self._owings[self._tool] = self._owed
+            self._tool = state.tool
+            self._owed = self._owings.get(self._tool, 0.0)
+
+    def _foreign(self, name: str, text: str) -> None:
+        """A line that is no G, M or T command."""
+        firmware = self._firmware
+        macro = len(name) > 1 and not (name[0] == "$" or name[1].isdigit())
+        if firmware in (("marlin", "grbl") if macro else ("marlin", "klipper")):
+            right = "a command such as G1 must begin it"
+            self._say("error", "unknown", f"{firmware} does not run {text[:30]!r}; {right}")
+        self._macros = self._macros or macro
+
+    def _refuse(self, text: str, error: InputError) -> None:
+        if "\0" in text:
+            self._say("error", "binary", "the line holds bytes that are no text; write it again")
+        else:
+            self._say("error", "unknown", f"{error}; a command of the machine's language is needed")
+
+    def _measure(self, text: str) -> None:
+        """Check the length of a line as it is sent."""
+        if self._firmware == "sml":
+            length = max(len(part.encode()) + 1 for part in text.split(";"))
+        else:
+            length = len(text.encode()) + 1
+        if self._firmware not in ("sml", "grbl"):
+            length += len(f"N{10 * self._commands} *255")
+        if length > self._longest > 0:
+            right = f"{length} bytes as it is sent; {self._firmware} holds {self._longest}"
+            severity = "warning" if self._firmware == "auto" else "error"
+            self._say(severity, "long line", f"{right}; make it shorter")
+
+    def _check_home(self, start: Point, end: Point) -> None:
+        state = self._state
+        if isinstance(state, GcodeState):
+            if not state.absolute and start[:2] == end[:2] and start[2] < end[2]:
+                return  # a lift to home safely
+            moved = {axis for axis, a, b in zip("XYZ", start, end, strict=True) if a != b}
+            if moved <= state.homed:
+                return
+        right = _HOME.get(self._firmware, "G28")
+        severity = "warning" if self._firmware == "grbl" or self._macros else "error"
+        self._say(severity, "homing", f"motion before homing; {right} must come first")
+
+    def _outside(self, point: Point) -> None:
+        where = ", ".join(f"{axis} {value:.6g}" for axis, value in zip("XYZ", point, strict=True))
+        room = " x ".join(f"{side:g}" for side in self._machine.bed)
+        right = f"a move to {where} mm leaves the machine's room of {room} mm from 0"
+        self._say("error", "bed", f"{right}; place the part within it")
+
+    def _deposit(self, start: Point, end: Point, volume: float) -> None:
+        if self._cold and volume > 0:
+            self._chill()
+        self._owed -= volume
+        if self._owed >= 0:
+            return
+        self._volume -= self._owed
+        self._owed = 0.0
+        if start == end:
+            return
+        self._deposits.add(start)
+        self._deposits.add(end)
+        if end[2] != self._z:
+            self._reach(end[2])
+
+    def _chill(self) -> None:
+        state = self._state
+        assert isinstance(state, GcodeState)
+        # Another tool's heater may be this one's too.
+        shared = state.tool not in state.nozzles and self._hottest[0] >= COLDEST
+        severity = "warning" if self._macros or shared else "error"
+        right = f"M109 with {COLDEST:g} C or more must come first"
+        message = f"cold extrusion: nozzle {state.tool} is set to {state.nozzle:g} C; {right}"
+        self._say(severity, "cold", message, severity)
+
+    def _reach(self, z: float) -> None:
+        """Deposit at another z than before: a new layer, where comments do not tell the layers."""
+        if self._layered:
+            if self._z is None:
+                self._layers[-1] = (self._layers[-1][0], z)
+        elif z > self._top + self._machine.layer_height[0] / 2:
+            self._top = z
+            self._layers.append((self._line, z))
+            self._motion.mark()
+        self._z = z
+
+    def _begin_layer(self, number: int) -> None:
+        if not self._layered:
+            self._layered = True
+            self._marks = len(self._layers)
+            self._layers.clear()
+        self._layers.append((number, None))
+        self._motion.mark()
+        self._z = None
+
+    def _say(self, severity: str, kind: str, message: str, key: str = "") -> None:
+        """A finding, or one line more of one that there is."""
+        key = f"{kind} {key}"
+        found = self._found.get(key)
+        if found is None:
+            self._found[key] = Finding(severity, kind, message, self._line)
+        elif self._last[key] != self._line:
+            self._found[key] = replace(found, count=found.count + 1)
+        self._last[key] = self._line
+
+    def result(self, lines: int) -> Survey:
+        """What there is to say, after the last line."""
+        self._motion.flush()
+        self._end()
+        state = self._state
+        filament = 0.0
+        if isinstance(state, GcodeState):
+            filament = self._volume * state.flow / state.filament_area
+        seconds = self._motion.marks[self._marks :]
+        layers = zip(self._layers, seconds, strict=True)
+        return Survey(
+            lines=lines,
+            commands=self._commands,
+            layers=tuple(LayerStart(line, z, at) for (line, z), at in layers),
+            seconds=self._motion.seconds,
+            volume=self._volume,
+            filament=filament,
+            grams=self._volume / 1000 * self._machine.stream.density,
+            deposits=self._deposits.corners(),
+            moves=self._moves.corners(),
+            nozzle=self._hottest[0],
+            bed=self._hottest[1],
+            findings=tuple(sorted(self._found.values(), key=lambda finding: finding.line)),
+        )
+
+    def _end(self) -> None:
+        """Findings that only the end of the file shows."""
+        state = self._state
+        if not self._commands:
+            self._say("error", "empty", "the file holds no command; write it again")
+        if "version" in self._facts and not self._ended:
+            self._say("error", "truncated", "the end mark of fdjax is missing; write it again")
+        if isinstance(state, SmlState):
+            if state.rest.strip() or state.path is not None:
+                lacking = "EC" if state.path is not None else "a semicolon"
+                self._say("error", "truncated", f"{lacking} is missing; write it again", "SML")
+        else:
+            on = [f"nozzle {tool}" for tool, heat in sorted(state.nozzles.items()) if heat > 0]
+            on += ["bed"] * (state.bed > 0) + ["spindle or laser"] * (state.power > 0)
+            if on:
+                right = "M104 S0, M140 S0 and M5 turn them off"
+                self._say("warning", "left on", f"{', '.join(on)} at the end of the file; {right}")
+        self._line = 0
+        if not self._united and self._moves.corners():
+            self._say("warning", "units", "no G21 or G20 states the units; G21 is right for mm")
+        named = self._facts.get("machine", self._machine.name)
+        if named != self._machine.name:
+            right = f"it was written for {named}, not for {self._machine.name}; name that one"
+            self._say("error", "machine", f"a file for another machine: {right}")
