@@ -1,0 +1,70 @@
+"""A virtual Klipper: lines from a pseudo-terminal, run one after the other."""
+
+import re
+
+from fdjax.formats.profile import Machine
+from fdjax.machine.virtual.gcode import AbstractGcodeMachine
+
+_FRAME = re.compile(r"^N\d+\s*|\s*\*\d+$")
+
+
+class VirtualKlipper(AbstractGcodeMachine):
+    """See the module. Numbers and checksums are passed over."""
+
+    firmware = "Klipper"
+    banner = "// Klipper state: Startup"
+    queue_length = 1_000_000
+
+    def __init__(self, machine: Machine, **options) -> None:
+        super().__init__(machine, **options)
+        self._partial = b""
+        self._down = False
+
+    def _forget(self) -> None:
+        super()._forget()
+        self._partial = b""
+        self._down = False
+
+    def _take(self, data: bytes) -> None:
+        *lines, self._partial = (self._partial + data).split(b"\n")
+        for raw in lines:
+            text = raw.decode("ascii", "replace").partition(";")[0].strip()
+            if text == "M112":
+                self._shut_down()
+            elif text:
+                self._queue.append(text)
+
+    def _shut_down(self) -> None:
+        self._down = True
+        self._queue.clear()
+        for heater in self.heaters.values():
+            heater.set(0.0, self.now)
+        self.say("// Klipper state: Shutdown")
+
+    def _text(self, line: str) -> str:
+        return _FRAME.sub("", line).strip()
+
+    def _begin(self, line: str) -> float:
+        if self._down:
+            self.say("!! Shutdown due to M112 command")
+            return self.now
+        return super()._begin(line)
+
+    def _limited(self, moves: tuple) -> tuple:
+        for move in moves:
+            if any(not 0 <= p <= size for p, size in zip(move.end, self.bed, strict=True)):
+                self.say(f"!! Move out of range: {move.end[0]:.3f} {move.end[1]:.3f}")
+                return ()
+        return super()._limited(moves)
+
+    def _refuse(self, text: str) -> None:
+        self.say(f'// Unknown command:"{text.split()[0]}"')
+
+    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+        if name == "M105":
+            self.say(f"ok {self._temperatures()}")
+            return True
+        return name == "M110" or super()._answers_to(name, words)
+
+    def _identity(self) -> str:
+        return "FIRMWARE_VERSION:v0.12.0 FIRMWARE_NAME:Klipper"

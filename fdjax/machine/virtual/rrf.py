@@ -1,0 +1,68 @@
+"""A virtual RepRapFirmware: checksums, but no line order, and a bad line goes without a word."""
+
+import re
+
+from fdjax.formats.profile import Machine
+from fdjax.machine.protocols.base import checksum
+from fdjax.machine.virtual.gcode import AbstractGcodeMachine
+
+_NUMBER = re.compile(r"^N\d+\s*")
+_DIGITS = re.compile(r"[0-9]{1,3}")
+
+
+class VirtualRepRapFirmware(AbstractGcodeMachine):
+    """See the module. M575 P0 S1 makes it drop lines without a checksum too."""
+
+    firmware = "RepRapFirmware for Duet (virtual)"
+    banner = "RepRapFirmware for Duet is starting up"
+    queue_length = 8
+
+    def __init__(self, machine: Machine, **options) -> None:
+        super().__init__(machine, **options)
+        self._buffer = bytearray()
+        self._wants_checksum = False
+
+    def _forget(self) -> None:
+        super()._forget()
+        self._buffer.clear()
+        self._wants_checksum = False
+
+    def _take(self, data: bytes) -> None:
+        self._buffer += data[: 512 - len(self._buffer)]
+
+    def _accept(self) -> None:
+        while len(self._queue) < self.queue_length:
+            end = self._buffer.find(b"\n")
+            if end < 0:
+                return
+            line = self._buffer[:end].decode("ascii", "replace").strip("\r ")
+            del self._buffer[: end + 1]
+            body, star, said = line.rpartition("*")
+            if not star:
+                body = line
+                if self._wants_checksum:
+                    continue
+            elif not _DIGITS.fullmatch(said) or int(said) != checksum(body):
+                continue
+            text = _NUMBER.sub("", body).partition(";")[0].strip()
+            if text:
+                self._queue.append(text)
+
+    def _run(self, name: str, words: dict[str, float], text: str) -> float:
+        if name == "M575":
+            self._wants_checksum = words.get("S", 0.0) in (1.0, 3.0)
+            return self.now
+        return super()._run(name, words, text)
+
+    def _refuse(self, text: str) -> None:
+        self.say(f"Error: Bad command: {text}")
+
+    def _acknowledge(self, line: str) -> None:
+        if not line.startswith("M105"):
+            self.say("ok")
+
+    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+        if name == "M105":
+            self.say(f"ok {self._temperatures()}")
+            return True
+        return name == "M112" or super()._answers_to(name, words)
