@@ -9,16 +9,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fdjax.errors import DesignError, InputError
+from fdjax.errors import DesignError, InputError, StreamError
 
-BAD_INPUT, FAILED_DESIGN, INTERRUPTED = 2, 3, 130
+BAD_INPUT, FAILED_DESIGN, STOPPED, INTERRUPTED = 2, 3, 4, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code.
 
     0: done. 2: something given cannot be used (one line on stderr says what). 3: a design folds,
-    does not converge, misses its tolerance or breaks a machine limit. 130: interrupted.
+    does not converge, misses its tolerance or breaks a machine limit. 4: a print that had begun
+    stopped. 130: interrupted.
     """
     try:
         arguments = _parser().parse_args(argv)
@@ -32,6 +33,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(fault, BAD_INPUT)
     except DesignError as fault:
         return _fail(fault, FAILED_DESIGN)
+    except StreamError as fault:
+        return _fail(fault, STOPPED)
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED)
     return 0
@@ -87,6 +90,23 @@ def _measure(arguments: argparse.Namespace) -> None:
     if arguments.json is not None:
         answer.write_json(arguments.json)
     print(answer.table())
+
+
+def _send(arguments: argparse.Namespace) -> None:
+    from dataclasses import fields
+
+    from fdjax.app.sending import Request, send
+
+    send(Request(**{field.name: getattr(arguments, field.name) for field in fields(Request)}))
+
+
+def _virtual(arguments: argparse.Namespace) -> None:
+    from fdjax.app import playing
+
+    if arguments.replay is not None:
+        playing.replay(arguments.firmware, arguments.machine, arguments.replay, arguments.printed)
+    else:
+        playing.serve(arguments.firmware, arguments.machine, arguments.pace)
 
 
 def _machines(arguments: argparse.Namespace) -> None:
@@ -145,7 +165,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="fdjax",
         description="Toolpaths for fused deposition with the porosity you ask for.",
-        epilog="Exit codes: 0 done, 2 bad input, 3 the design failed.",
+        epilog="Exit codes: 0 done, 2 bad input, 3 the design failed, 4 a print stopped.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and leave")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
@@ -180,6 +200,35 @@ def _parser() -> argparse.ArgumentParser:
     place = "where the picture goes (default FILE's name with _porosity.png, here)"
     add("--picture", type=Path, metavar="PNG", help=place)
     add("--json", type=Path, metavar="FILE", help="write all numbers to this file")
+
+    send = commands.add_parser("send", help="check a machine file and stream it to a printer")
+    send.set_defaults(command=_send)
+    add = send.add_argument
+    add("file", type=Path, metavar="FILE", help="G-code or SML file")
+    add("--machine", required=True, metavar="NAME|FILE", help="profile of the machine")
+    add("--port", metavar="PORT", help="as /dev/ttyUSB0, COM3 or virtual:marlin")
+    speaks = ("auto", "marlin", "klipper", "rrf", "grbl", "sml")
+    add("--firmware", choices=speaks, help="instead of what the profile says")
+    add("--baud", type=int, metavar="N", help="instead of what the profile says")
+    add("--dry-run", action="store_true", help="check and sum up; send nothing")
+    add("--yes", action="store_true", help="begin without asking, and take no keys")
+    add("--resume", action="store_true", help="go on with a print that broke off")
+    add("--layer", type=int, metavar="N", help="go on at the beginning of this layer")
+    add("--kept-power", action="store_true", help="the machine still knows where it is")
+    add("--log", type=Path, metavar="FILE", help="every byte, with its time (default FILE.log)")
+    add("--printed", type=Path, metavar="FILE", help="save what a virtual machine laid down")
+    add("--quiet", action="store_true", help="print errors only")
+
+    virtual = commands.add_parser(
+        "virtual", help="play a machine at a pseudo-terminal, or play a log back to one"
+    )
+    virtual.set_defaults(command=_virtual)
+    add = virtual.add_argument
+    add("firmware", choices=("marlin", "klipper", "rrf", "grbl", "fdm1650"), help="what it plays")
+    add("--machine", metavar="NAME|FILE", help="profile of the machine that it plays")
+    add("--pace", type=float, default=1.0, help="seconds that a second of it takes (default 1)")
+    add("--replay", type=Path, metavar="LOG", help="take what a log says was sent, and leave")
+    add("--printed", type=Path, metavar="FILE", help="with --replay: save what it laid down")
 
     machines = commands.add_parser("machines", help="list the machine profiles, or show one")
     machines.set_defaults(command=_machines)

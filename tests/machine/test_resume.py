@@ -1,0 +1,225 @@
+"""After a crash: the layer to go on from is right, the state is rebuilt, Z is never homed."""
+
+import random
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from streams import PRINTER, gcode, sml, units
+
+from fdjax.errors import InputError
+from fdjax.machine import journal, resume
+from fdjax.machine.gcode_state import GcodeState
+from fdjax.machine.journal import Job, Journal
+from fdjax.machine.program import Program
+from fdjax.machine.virtual.marlin import VirtualMarlin
+from fdjax.machine.virtual.serve import PseudoTerminal
+
+OWN = ("M105", "M110", "M114", "M115")
+
+
+def layered(path, layers=8, lines=60):
+    """A program with marked layers, each at its own height."""
+    chance = random.Random(layers)
+    text = ["G21", "G90", "M83", "M140 S60", "M104 S200", "G28", "M109 S200", "G92 E0"]
+    for layer in range(layers):
+        text += [f";LAYER:{layer}", f"G0 Z{0.2 * (layer + 1):.3f} F600", f"M106 S{30 * layer}"]
+        for _ in range(lines):
+            x, y = chance.uniform(10, 200), chance.uniform(10, 200)
+            text.append(f"G1 X{x:.3f} Y{y:.3f} E{chance.uniform(0.1, 1):.4f} F3000")
+    path.write_text("\n".join([*text, "M104 S0", "M140 S0"]) + "\n")
+    return Program(path, PRINTER)
+
+
+def starts(program):
+    return [number for number, line in program.lines() if program.is_layer(line)]
+
+
+class Bench:
+    """A virtual Marlin at a pseudo-terminal, and senders in processes of their own."""
+
+    def __init__(self):
+        self.machine = VirtualMarlin(PRINTER, keep=True, record=True)
+        self.terminal = PseudoTerminal()
+        self._over = False
+        self._thread = threading.Thread(
+            target=self.terminal.serve, args=(self.machine,), kwargs={"until": lambda: self._over}
+        )
+        self._thread.start()
+
+    def sender(self, program, *options):
+        command = [sys.executable, "-m", "fdjax", "send", str(program.path), "--yes"]
+        command += ["--machine", "marlin-0.4", "--port", self.terminal.name, *options]
+        return subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+
+    def kill_when(self, sender, lines):
+        """Kill it once the machine has run so many of the file's lines."""
+        until = time.monotonic() + 30
+        while len(self.ran()) < lines and time.monotonic() < until:
+            time.sleep(0.0005)
+        sender.send_signal(signal.SIGKILL)
+        sender.wait()
+        sender.communicate()
+        time.sleep(0.15)  # what was written still arrives
+        return len(self.ran())
+
+    def ran(self):
+        return [text for text in list(self.machine.executed) if not text.startswith(OWN)]
+
+    def close(self):
+        self._over = True
+        self._thread.join()
+        self.terminal.close()
+
+
+@pytest.fixture
+def bench():
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def killed_and_resumed(bench, program, lines, *, power_lost=False):
+    """How many lines had been run at the kill, what was said at resuming, and what ran then."""
+    bench.machine.executed.clear()
+    done = bench.kill_when(bench.sender(program), lines)
+    before = bench.ran()
+    if power_lost:
+        bench.machine.reset(bench.machine.now)
+        time.sleep(1.2)
+    bench.machine.executed.clear()
+    sender = bench.sender(program, "--resume")
+    said, errors = sender.communicate(timeout=60)
+    assert sender.returncode == 0, errors
+    assert before == [text for text, _ in units(program)][:done]
+    return done, said, bench.ran()
+
+
+def check(bench, program, moment):
+    done, said, ran = killed_and_resumed(bench, program, moment)
+    wanted = units(program)
+    layer = int(re.search(r"going on in layer (\d+)", said)[1])
+    following = wanted[min(done, len(wanted) - 1)][1]
+    marks = starts(program)
+    assert layer in {sum(mark <= line for mark in marks) for line in (following, following - 1)}
+    rest = [text for text, _ in wanted[done:]]
+    assert "kept its position" in said
+    # What is left runs once; settings just before may be said again.
+    again = len(ran) - len(rest)
+    assert ran[again:] == rest or ran[-len(rest) :] == rest
+    assert not any(text.startswith("G28") for text in ran)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_killed_print_goes_on_where_it_was(tmp_path, bench, seed):
+    program = layered(tmp_path / "job.gcode")
+    check(bench, program, random.Random(seed).randrange(15, 460))
+
+
+@pytest.mark.slow
+def test_fifty_kills(tmp_path, bench):
+    program = layered(tmp_path / "job.gcode")
+    chance = random.Random(50)
+    for _ in range(50):
+        check(bench, program, chance.randrange(15, 460))
+
+
+def test_after_a_power_cut_x_and_y_are_homed_and_z_never(tmp_path, bench):
+    program = layered(tmp_path / "job.gcode")
+    done, said, ran = killed_and_resumed(bench, program, 250, power_lost=True)
+    assert "lost its position" in said
+    assert [text for text in ran if text.startswith("G28")] == ["G28 X Y"]
+    z = float(re.search(r"stopped, at z = ([\d.]+) mm", said)[1])
+    assert f"G92 Z{z:.3f}" in ran
+    heights = [float(found[1]) for text in ran if (found := re.search(r" Z([\d.]+)", text))]
+    assert min(heights) >= z
+    assert ran.index("M109 S200") < next(k for k, text in enumerate(ran) if " E0." in text)
+    rest = [text for text, _ in units(program)]
+    assert ran[-(len(rest) - done) :] == rest[done:]
+
+
+def test_the_way_back_rebuilds_the_state(tmp_path):
+    program = gcode(tmp_path / "job.gcode", 400)
+    point = resume.Points(program, [], 300).kept
+    for kept in (True, False):
+        state = GcodeState.of(PRINTER)
+        for text in ["G91", "M82", "G20", *resume.way_back(point, PRINTER, kept=kept)]:
+            state.run(text)
+        wanted = point.state
+        for name in ("absolute", "relative_e", "scale", "fan", "bed", "nozzles", "tool"):
+            assert getattr(state, name) == getattr(wanted, name), name
+        assert state.on_bed == pytest.approx(wanted.on_bed, abs=1e-3)
+        assert state.e == pytest.approx(wanted.e, abs=1e-5)
+        assert state.speed == pytest.approx(wanted.speed)
+
+
+def test_sml_goes_on_between_roads_and_only_with_power(tmp_path):
+    program = sml(tmp_path / "job.sml", 300)
+    lines = list(program.commands())
+    for reached in (50, 51, 52, 53, 54, 55):
+        point = resume.Points(program, [], lines[reached].line).kept
+        assert point.state.path is None
+        assert point.state.outputs == ()
+        assert resume.way_back(point, program.machine, kept=True)[0] == "PD;MM;"
+        with pytest.raises(InputError, match="kept its power"):
+            resume.way_back(point, program.machine, kept=False)
+
+
+def test_a_layer_can_be_named(tmp_path):
+    program = layered(tmp_path / "job.gcode")
+    marks = starts(program)
+    point = resume.at_layer(program, marks, 3)
+    assert point.line == marks[2] - 1
+    assert point.state.z == pytest.approx(0.4)
+    with pytest.raises(InputError, match="layers 1 to 8"):
+        resume.at_layer(program, marks, 9)
+
+
+JOB = Job("job.gcode", "0123", "marlin-0.4", "/dev/ttyUSB0")
+
+
+def test_the_journal_holds_the_last_line(tmp_path):
+    path = tmp_path / "job.journal"
+    kept = Journal(path, JOB)
+    for line in range(1, 1000):
+        kept.reached(line, line // 100, line / 10)
+        if line in (1, 7, 500):
+            assert journal.read(path) == (JOB, line, line // 100)
+    kept.close()
+    assert journal.read(path) == (JOB, 999, 9)
+
+
+def test_a_write_that_was_broken_off_leaves_the_one_before(tmp_path):
+    path = tmp_path / "job.journal"
+    kept = Journal(path, JOB)
+    for line in (1, 2, 3):
+        kept.reached(line, 1, 0.0)
+    kept.close()
+    whole = path.read_bytes()
+    place = whole.index(b" 3 1 ")
+    path.write_bytes(whole[:place] + b"xxxx" + whole[place + 4 :])
+    assert journal.read(path)[1] == 2
+    path.write_bytes(whole[:20])
+    with pytest.raises(InputError, match="damaged"):
+        journal.read(path)
+    with pytest.raises(InputError, match="there is none"):
+        journal.read(tmp_path / "none")
+
+
+def test_a_log_can_be_read_back(tmp_path):
+    path = tmp_path / "job.log"
+    log = journal.Log(path)
+    entries = [(0.5, ">", b"N1 G28*18\n"), (0.75, "<", b"ok \\ \x00\xff\r\n"), (1.0, "<", b"")]
+    for entry in entries:
+        log(*entry)
+    log.close()
+    assert journal.read_log(path) == entries
+    path.write_text("nonsense\n")
+    with pytest.raises(InputError, match="line 1"):
+        journal.read_log(path)
