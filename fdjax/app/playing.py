@@ -34,10 +34,14 @@ def replay(firmware: str, machine: str | None, log: Path, printed: Path | None) 
     player = _machine(firmware, machine, record=True)
     assert player.print is not None
     entries = read_log(log)
+    now = 0.0
     for time, way, data in entries:
         if way == ">":
-            player.receive(data, time)
-            player.advance(time)
+            now = max(now, time)
+            player.receive(data, now)
+            while (due := player.next_event()) < float("inf"):
+                now = max(now, due)
+                player.advance(now)
             player.answers()
     sent = sum(len(data) for _, way, data in entries if way == ">")
     print(f"{sent} bytes sent; {player.print.volume:.3f} mm^3 laid down")

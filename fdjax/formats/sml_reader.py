@@ -24,7 +24,7 @@ from fdjax.formats.sml_codes import (
 from fdjax.plan.toolpath import Build
 from fdjax.units import MICROSTEP
 
-_COMMAND = re.compile(r"([A-Z]{2})((?:[\s,]*[-+]?(?:\d+\.?\d*|\.\d+))*)[\s,]*", re.IGNORECASE)
+_COMMAND = re.compile(r"([A-Za-z]{2})([-+.,\d\s]*)")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 _MACHINE = re.compile(r"^\W*fdjax machine = (.*)$", re.MULTILINE)
 
@@ -111,7 +111,8 @@ class _Plotter:
         if not command:
             return
         match = _COMMAND.fullmatch(command)
-        if match is None:
+        # The numbers are looked at apart: one pattern for all would take exponential time.
+        if match is None or _NUMBER.sub("", match[2]).strip(", \t\r\n"):
             raise InputError(f"not SML: {command[:30]!r} is no two letters with numbers")
         name = match[1].upper()
         self._last.append(command)

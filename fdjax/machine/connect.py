@@ -13,6 +13,8 @@ _NAMES = (
     ("klipper", "klipper"),
     ("reprapfirmware", "rrf"),
     ("grbl", "grbl"),
+    ("|wpos:", "grbl"),
+    ("|mpos:", "grbl"),
     ("marlin", "marlin"),
     ("firmware_name", "marlin"),
 )

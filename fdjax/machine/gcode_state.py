@@ -60,6 +60,8 @@ def parse(code: str) -> tuple[str, dict[str, float]]:
         if key in words and key not in "GM":
             raise InputError(f"{key} stands twice in {code.strip()[:40]!r}")
         words[key] = 0.0 if value[0] == '"' else float(value)
+        if math.isinf(words[key]):
+            raise InputError(f"{key} is too large in {code.strip()[:40]!r}")
         at = word.end()
     return name, words
 

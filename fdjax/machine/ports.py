@@ -6,6 +6,13 @@ from abc import ABC, abstractmethod
 from fdjax.errors import FdjaxError, InputError
 from fdjax.formats.profile import Machine, Stream
 
+try:
+    import termios
+
+    _REFUSALS: tuple[type[Exception], ...] = (OSError, ValueError, termios.error)
+except ImportError:  # Windows
+    _REFUSALS = (OSError, ValueError)
+
 VIRTUAL = "virtual:"
 
 
@@ -77,7 +84,7 @@ class SerialPort(AbstractPort):
         line.exclusive = True
         try:
             line.open()
-        except (OSError, ValueError) as error:
+        except _REFUSALS as error:
             raise InputError(_explained(name, error)) from None
         return line
 

@@ -4,6 +4,7 @@ import hashlib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -58,7 +59,7 @@ class Program:
         if b"\0" in head:
             raise InputError(f"{self.path}: the file is binary")
 
-    @property
+    @cached_property
     def language(self) -> str:
         """ "gcode" or "sml"."""
         return "sml" if self.path.suffix.lower() == ".sml" else "gcode"
@@ -76,24 +77,23 @@ class Program:
 
     def commands(self, after: int = 0) -> Iterator[Command]:
         """What there is to send of the lines after one."""
-        strip = self._sml if self.language == "sml" else self._gcode
         for number, line in self.lines():
             if number > after:
-                text = strip(line)
+                text = self.code(line)
                 if text:
                     yield Command(text, number)
 
-    def _gcode(self, line: str) -> str:
+    def code(self, line: str) -> str:
+        """A line of the file without comments and frame; empty where nothing is left."""
+        if self.language == "sml":
+            comment = self.machine.sml.comment if self.machine.sml else "#"
+            return "" if line.lstrip().startswith(comment) else line.strip()
         text = line.partition(";")[0]
         if "(" in text:
             text = _PARENTHESES.sub("", text)
         if "*" in text or text[:1] in "Nn \t":
             text = _FRAME.sub("", text)
         return text.strip()
-
-    def _sml(self, line: str) -> str:
-        comment = self.machine.sml.comment if self.machine.sml else "#"
-        return "" if line.lstrip().startswith(comment) else line.strip()
 
     def is_layer(self, line: str) -> bool:
         """Whether a line is a comment that begins a layer."""

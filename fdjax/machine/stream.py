@@ -112,6 +112,11 @@ class Stream:
             self._orders.append(what)
 
     @property
+    def paused(self) -> bool:
+        """Whether a pause was asked for and not ended."""
+        return self._paused
+
+    @property
     def line(self) -> int:
         """The last file line that was acknowledged."""
         return self.protocol.line or self._after
@@ -173,8 +178,7 @@ class Stream:
     def _is_over(self) -> bool:
         if not self._read or self._extra or self._paused:
             return False
-        if not self.protocol.pending:
-            self.protocol.finish(self.port.now())
+        self.protocol.finish(self.port.now())
         return self.protocol.finished
 
     def _fill(self) -> None:
@@ -225,8 +229,9 @@ class Stream:
         """Write what there is, read what comes, and do what is due; what came."""
         protocol, port = self.protocol, self.port
         try:
-            self._flush()
             now = port.now()
+            protocol.tick(now)
+            self._flush()
             wait = min(max(protocol.deadline - now, 0.0), TICK)
             # With room for more lines there is no reason to wait.
             data = port.read(0.0 if self._could_send() else wait)
@@ -237,7 +242,6 @@ class Stream:
         if data:
             self._log(now, "<", data)
             protocol.feed(data, now)
-        protocol.tick(now)
         self._report(on_position)
         return data
 

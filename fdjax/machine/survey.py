@@ -5,35 +5,17 @@ import re
 import sys
 from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 
 from fdjax.errors import InputError
+from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Finding, Findings
 from fdjax.machine.gcode_state import GcodeState, parse
 from fdjax.machine.motion import MotionTime
 from fdjax.machine.moves import Move, Point
 from fdjax.machine.program import Program
 from fdjax.machine.sml_state import SmlState
 
-LONGEST = {"auto": 96, "marlin": 96, "rrf": 256, "grbl": 80, "sml": 256}
-"""Bytes of a line, its frame and its end included, that a firmware's buffer holds. Marlin's
-MAX_CMD_SIZE, grbl's LINE_BUFFER_SIZE, RepRapFirmware's, and of SML one command."""
-COLDEST = 150.0
-"""Degrees Celsius; firmware pushes no filament through a colder nozzle, or strips it."""
-
-_FORBIDDEN = {
-    "M0": "it waits for a person at the machine's own buttons",
-    "M1": "it waits for a person at the machine's own buttons",
-    "M28": "it writes what follows to the machine's card instead of running it",
-    "M29": "it ends writing to the machine's card",
-    "M30": "it deletes a file on the machine's card",
-    "M108": "it breaks off a wait for heat",
-    "M112": "it is an emergency stop",
-    "M410": "it breaks off motion, so the position is lost",
-    "M500": "it overwrites the machine's stored settings",
-    "M502": "it resets the machine's settings",
-    "M999": "it restarts the machine after a fault, whatever that was",
-}
 _PRINTERS = frozenset({"auto", "marlin", "klipper", "rrf"})
 _HALTS = frozenset({"G28", "$H", "M109", "M190", "M400"})
 """They wait until the machine stands still."""
@@ -42,29 +24,6 @@ _END = re.compile(r"\W*fdjax end\s*$")
 _LEAST = -1e-6
 """How far off the bed a move may be, by rounding, mm."""
 _STEP = 20_000
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One kind of fault in a file.
-
-    - `severity`: "error" (the file must not be sent) or "warning".
-    - `kind`: "bed", "heat", "long line", "forbidden", "homing", "units", "cold", "left on",
-      "unknown" (or damaged), "binary", "empty", "truncated", "tool" or "machine".
-    - `message`: what is wrong and what would be right; `line`: of the file, where first, 0 for the
-      file as a whole; `count`: in how many lines.
-    """
-
-    severity: str
-    kind: str
-    message: str
-    line: int
-    count: int = 1
-
-    def __str__(self) -> str:
-        where = f", line {self.line}" if self.line else ""
-        more = f" (and in {self.count - 1} more)" if self.count > 1 else ""
-        return f"{self.severity}: {self.kind}{where}: {self.message}{more}"
 
 
 @dataclass(frozen=True)
@@ -84,8 +43,8 @@ class Survey:
     - `seconds`: that motion and waits take; heating and homing come on top.
     - `volume`: of material, mm^3; `filament`: mm of it, 0 for SML; `grams`: by the machine's
       density. What is pulled back and pushed again counts once; priming counts.
-    - `deposits`, `moves`: smallest and largest x, y, z on the bed, mm, of deposits and of all
-      motion but homing; None where there is none.
+    - `deposits`, `moves`: smallest and largest x, y, z on the bed, mm, of deposits other than the
+      priming that fdjax marks, and of all motion but homing; None where there is none.
     - `nozzle`, `bed`: the highest temperatures asked for, degrees Celsius.
     """
 
@@ -162,14 +121,13 @@ class _Surveyor:
         sml = isinstance(self._state, SmlState)
         self._firmware = "sml" if sml else stream.firmware
         self._room = [side - _LEAST for side in program.machine.bed]
-        self._strip = program._sml if sml else program._gcode
+        self._strip = program.code
         self._run = self._run_sml if sml else self._run_gcode
         self._longest = longest or LONGEST.get(self._firmware, 0)
         self._short = self._longest - 20 if self._longest else sys.maxsize  # a frame takes 17
         self._motion = MotionTime(stream.acceleration, stream.corner_speed)
         self._facts = program.facts()
-        self._found: dict[str, Finding] = {}
-        self._last: dict[str, int] = {}  # line in which each was found last
+        self._findings = Findings()
         self._line = self._commands = 0
         self._volume = self._owed = 0.0  # owed: pulled back and not yet returned
         self._owings: dict[int, float] = {}  # of tools that are not in use
@@ -182,6 +140,7 @@ class _Surveyor:
         self._top = -inf
         self._layered = self._ended = self._macros = False
         self._united = sml
+        self._primes = False
         self._unhomed = self._cold = True
         self._see()
 
@@ -193,6 +152,8 @@ class _Surveyor:
                 self._begin_layer(number)
             elif _END.match(line):
                 self._ended = True
+            elif "fdjax prime" in line:
+                self._primes = "begin" in line
             return
         self._line = number
         self._commands += 1
@@ -223,9 +184,9 @@ class _Surveyor:
             return moves
         name, words = parse(text)
         names = {name, *(f"{letter}{words[letter]:g}" for letter in "GM" if letter in words)}
-        for other in names & _FORBIDDEN.keys():
+        for other in names & FORBIDDEN.keys():
             if not (other == "M30" and self._firmware == "grbl"):
-                right = f"{other} may not stand in a file that is sent: {_FORBIDDEN[other]}"
+                right = f"{other} may not stand in a file that is sent: {FORBIDDEN[other]}"
                 self._say("error", "forbidden", right, other)
         self._united = self._united or bool(names & {"G20", "G21"})
         if not (name and name[0] in "GMT" and name[1].isdigit()):
@@ -326,7 +287,7 @@ class _Surveyor:
             return
         self._volume -= self._owed
         self._owed = 0.0
-        if start == end:
+        if start == end or self._primes:
             return
         self._deposits.add(start)
         self._deposits.add(end)
@@ -364,14 +325,7 @@ class _Surveyor:
         self._z = None
 
     def _say(self, severity: str, kind: str, message: str, key: str = "") -> None:
-        """A finding, or one line more of one that there is."""
-        key = f"{kind} {key}"
-        found = self._found.get(key)
-        if found is None:
-            self._found[key] = Finding(severity, kind, message, self._line)
-        elif self._last[key] != self._line:
-            self._found[key] = replace(found, count=found.count + 1)
-        self._last[key] = self._line
+        self._findings.add(severity, kind, message, line=self._line, key=key)
 
     def result(self, lines: int) -> Survey:
         """What there is to say, after the last line."""
@@ -395,7 +349,7 @@ class _Surveyor:
             moves=self._moves.corners(),
             nozzle=self._hottest[0],
             bed=self._hottest[1],
-            findings=tuple(sorted(self._found.values(), key=lambda finding: finding.line)),
+            findings=self._findings.all(),
         )
 
     def _end(self) -> None:

@@ -13,7 +13,8 @@ from fdjax.machine.stream import Stream
 from fdjax.machine.virtual.base import AbstractVirtualMachine
 from fdjax.machine.virtual.port import VirtualPort
 
-FIRMWARE = {"marlin": "marlin", "klipper": "klipper", "rrf": "rrf", "grbl": "grbl", "fdm1650": "sml"}
+FIRMWARE = {name: name for name in virtual.MACHINES} | {"fdm1650": "sml"}
+
 PRINTER = profile.load("marlin-0.4")
 STRATASYS = profile.load("stratasys-fdm1650")
 
@@ -88,7 +89,7 @@ class Run:
         return [text for text in self.machine.executed if not text.startswith(_OWN)]
 
     def verdict(self) -> str:
-        """"whole" or "stopped" where the guarantee was kept; else what is wrong."""
+        """ "whole" or "stopped" where the guarantee was kept; else what is wrong."""
         ran, wanted = self.ran(), units(self.stream.program)
         if self.stream.protocol.firmware == "rrf":
             ran, wanted = _settings_once(ran), _settings_once(wanted)
@@ -115,16 +116,17 @@ def _settings_once(texts: list) -> list:
     return kept
 
 
-def stream(program: Program, machine: str, *, faults=None, accident=None, pace=0.0, **options) -> Run:
-    """A stream that has not begun, to a virtual machine that keeps what it runs."""
-    port_options = {name: options.pop(name) for name in ("returns", "seconds") if name in options}
-    listeners = {name: options.pop(name) for name in ("on_event", "starts", "log") if name in options}
+def stream(program: Program, machine: str, *, pace=0.0, port=None, listen=None, **options) -> Run:
+    """A stream that has not begun, to a virtual machine that keeps what it runs.
+
+    `port`, `listen`: further arguments of `VirtualPort` and of `Stream`; others are the machine's.
+    """
     player = virtual.MACHINES[machine](
         program.machine, keep=True, record=True, pace=pace, **options
     )
-    port = VirtualPort(player, faults=faults, accident=accident, **port_options)
+    line = VirtualPort(player, **(port or {}))
     speaks = protocol(FIRMWARE[machine], program.machine.stream)
-    return Run(Stream(program, port, speaks, **listeners), port, None)
+    return Run(Stream(program, line, speaks, **(listen or {})), line, None)
 
 
 def send(program: Program, machine: str, **options) -> Run:

@@ -1,10 +1,15 @@
 """Pause, resume, abort, emergency stop, and what the machine is like after each."""
 
 import pytest
-from streams import gcode, program, send, stream
+from streams import PRINTER, gcode, program, send, stream
 
 from fdjax.errors import StreamError
 from fdjax.machine.gcode_state import GcodeState
+from fdjax.machine.program import Program
+from fdjax.machine.protocols.marlin import MarlinProtocol
+from fdjax.machine.stream import Stream
+from fdjax.machine.virtual.marlin import VirtualMarlin
+from fdjax.machine.virtual.port import VirtualPort
 
 
 def at_line(order, number):
@@ -21,7 +26,7 @@ def at_line(order, number):
 
     def begin(program, machine, **options):
         nonlocal run
-        run = stream(program, machine, on_event=on_event, **options)
+        run = stream(program, machine, listen={"on_event": on_event}, **options)
         run.order = order
         return run
 
@@ -46,12 +51,27 @@ def test_pause_and_resume_lay_down_what_the_file_says(tmp_path, machine):
 
 
 def test_a_pause_parks_off_the_part_and_cools_the_nozzle(tmp_path):
-    begin, _ = at_line(("pause",), 150)
-    run = begin(gcode(tmp_path / "job.gcode", 300), "marlin")
-    lines = run.stream._control.park(run.stream.state, run.stream.program.machine)
-    assert lines[0] == "M400"
-    assert any(line.startswith("G1 E-") for line in lines)
-    assert lines.index("G90") < next(k for k, line in enumerate(lines) if line.startswith("G1 Z"))
+    stands = []
+
+    def on_event(event):
+        if event.kind == "line" and event.line >= 150 and not stands:
+            run.stream.pause()
+
+    run = stream(gcode(tmp_path / "job.gcode", 300), "marlin", listen={"on_event": on_event})
+    read = run.port.read
+
+    def look(seconds):
+        data = read(seconds)
+        state = run.machine.state
+        if run.stream.paused and not run.stream.protocol.pending and state.nozzle < 200:
+            stands.append((state.x, state.y, state.z, state.nozzle))
+            run.stream.resume()
+        return data
+
+    run.port.read = look
+    run.stream.run()
+    assert stands[0] == (0.0, 220.0, 10.0, 140.0)
+    assert run.machine.state.nozzle == 200
 
 
 @pytest.mark.parametrize("machine", ["marlin", "klipper", "rrf", "grbl", "fdm1650"])
@@ -69,29 +89,31 @@ def test_abort_ends_with_heaters_and_flow_off(tmp_path, machine):
         assert state.path is None
 
 
-def test_abort_breaks_off_a_heat_up_where_marlin_can(tmp_path):
+class Impatient(VirtualPort):
+    """A port whose user gives up after ten seconds."""
+
+    order = staticmethod(lambda: None)
+
+    def read(self, seconds):
+        if self.now() > 10:
+            self.order()
+        return super().read(seconds)
+
+
+@pytest.mark.parametrize(("parser", "most"), [(True, 30), (False, 200)])
+def test_abort_breaks_off_a_heat_up_where_marlin_can(tmp_path, parser, most):
     path = tmp_path / "job.gcode"
     path.write_text("G28\nM109 S200\nG1 X10 F3000\n")
-    job = gcode(tmp_path / "other.gcode", 10).__class__(path, gcode(path, 10).machine)
-    path.write_text("G28\nM109 S200\nG1 X10 F3000\n")
-    for parser, most in ((True, 30.0), (False, 200.0)):
-        events = []
-        run = stream(job, "marlin", pace=1.0, emergency_parser=parser, on_event=events.append)
-        run.port._realtime = False
-        waiting = run.port.read
-        run.port.read = lambda seconds, read=waiting, run=run: _aborting(run, read, seconds)
-        with pytest.raises(StreamError, match="aborted"):
-            run.stream.run()
-        assert run.port.now() < most
-        said = any("cannot be interrupted" in event.text for event in events)
-        assert said is not parser
-        assert run.machine.heaters["T"].target == 0
-
-
-def _aborting(run, read, seconds):
-    if 10 < run.port.now() and not run.stream._aborting:
-        run.stream.abort()
-    return read(seconds)
+    events = []
+    machine = VirtualMarlin(PRINTER, pace=1.0, emergency_parser=parser)
+    port = Impatient(machine)
+    stream = Stream(Program(path, PRINTER), port, MarlinProtocol(), on_event=events.append)
+    port.order = stream.abort
+    with pytest.raises(StreamError, match="aborted"):
+        stream.run()
+    assert port.now() < most
+    assert any("cannot be interrupted" in event.text for event in events) is not parser
+    assert machine.heaters["T"].target == 0
 
 
 def test_emergency_stop_halts_at_once(tmp_path):
@@ -103,15 +125,14 @@ def test_emergency_stop_halts_at_once(tmp_path):
 
 
 def test_a_lost_port_that_comes_back_is_gone_on_with(tmp_path):
-    run = send(gcode(tmp_path / "job.gcode", 500), "marlin", accident=(200, "unplug"))
+    run = send(gcode(tmp_path / "job.gcode", 500), "marlin", port={"accident": (200, "unplug")})
     assert run.error is None
     assert run.verdict() == "whole"
 
 
 def test_a_lost_port_that_stays_away_ends_the_stream(tmp_path):
-    run = send(
-        gcode(tmp_path / "job.gcode", 500), "marlin", accident=(200, "unplug"), returns=False
-    )
+    port = {"accident": (200, "unplug"), "returns": False}
+    run = send(gcode(tmp_path / "job.gcode", 500), "marlin", port=port)
     assert "has not come back" in str(run.error)
     assert run.verdict() == "stopped"
 
@@ -119,7 +140,8 @@ def test_a_lost_port_that_stays_away_ends_the_stream(tmp_path):
 def test_events_tell_lines_layers_temperatures_and_the_end(tmp_path):
     events = []
     job = gcode(tmp_path / "job.gcode", 300)
-    run = stream(job, "marlin", starts=[50, 100, 200], on_event=events.append, pace=0.2)
+    listen = {"starts": [50, 100, 200], "on_event": events.append}
+    run = stream(job, "marlin", listen=listen, pace=0.2)
     run.stream.run()
     kinds = {event.kind for event in events}
     assert {"line", "layer", "temperature", "message", "done"} <= kinds

@@ -63,7 +63,9 @@ def test_commands_are_parsed(code, name, words):
     assert parse(code) == (name, words)
 
 
-@pytest.mark.parametrize("code", ["?", "G1 X1.2.3", "G", "12", "G1 E1e-5", "G1 X1 X2", "G1 X=3"])
+@pytest.mark.parametrize(
+    "code", ["?", "G1 X1.2.3", "G", "12", "G1 E1e-5", "M104 T" + "9" * 400, "G1 X1 X2", "G1 X=3"]
+)
 def test_damaged_commands_are_refused(code):
     with pytest.raises(InputError):
         parse(code)

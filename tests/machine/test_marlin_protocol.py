@@ -40,6 +40,11 @@ class Talk:
         return self.sent()
 
 
+def repeat(count, act):
+    for _ in range(count):
+        act()
+
+
 def framed(number, text):
     body = f"N{number} {text}"
     return f"{body}*{checksum(body)}"
@@ -86,8 +91,7 @@ def test_no_answer_at_all_ends_the_stream():
     talk = Talk()
     talk.push("G1 X1")
     with pytest.raises(StreamError, match="no answer"):
-        for _ in range(20):
-            talk.wait(60)
+        repeat(20, lambda: talk.wait(60))
 
 
 def test_an_ok_inside_a_report_is_none():
@@ -148,10 +152,13 @@ def test_a_storm_of_resends_brings_one_line():
 def test_resends_without_end_stop_the_stream():
     talk = Talk()
     talk.push("G1 X1")
+
+    def ask_again():
+        talk.hear("Error:checksum mismatch, Last Line: 1", "Resend: 2", "ok")
+        talk.wait(0.2)
+
     with pytest.raises(StreamError, match="again and again"):
-        for _ in range(100):
-            talk.hear("Error:checksum mismatch, Last Line: 1", "Resend: 2", "ok")
-            talk.wait(0.2)
+        repeat(100, ask_again)
 
 
 @pytest.mark.parametrize("number", ["034497", "99999", "7", "0"])

@@ -54,9 +54,7 @@ class Bench:
     def sender(self, program, *options):
         command = [sys.executable, "-m", "fdjax", "send", str(program.path), "--yes"]
         command += ["--machine", "marlin-0.4", "--port", self.terminal.name, *options]
-        return subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
+        return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def kill_when(self, sender, lines):
         """Kill it once the machine has run so many of the file's lines."""

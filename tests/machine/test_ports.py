@@ -1,0 +1,194 @@
+"""Serial ports: what can be wrong with one is said in a line, and two senders keep apart."""
+
+import os
+import threading
+from dataclasses import replace
+
+import pytest
+from streams import FIRMWARE, PRINTER, STRATASYS, gcode, program
+
+from fdjax.errors import InputError
+from fdjax.machine import connect, ports, virtual
+from fdjax.machine.ports import PortLost, SerialPort, open_port
+from fdjax.machine.program import Program
+from fdjax.machine.protocols import protocol
+from fdjax.machine.stream import Stream
+from fdjax.machine.virtual.serve import PseudoTerminal
+
+
+@pytest.fixture
+def line():
+    """A pseudo-terminal that is served by nobody, and the far end's descriptor."""
+    terminal = PseudoTerminal()
+    yield terminal
+    terminal.close()
+
+
+class Served:
+    """A virtual machine at a pseudo-terminal."""
+
+    def __init__(self, name):
+        profile = STRATASYS if name == "fdm1650" else PRINTER
+        self.machine = virtual.MACHINES[name](profile, keep=True)
+        self.terminal = PseudoTerminal()
+        self.over = False
+        self.thread = threading.Thread(
+            target=self.terminal.serve, args=(self.machine,), kwargs={"until": lambda: self.over}
+        )
+        self.thread.start()
+
+    def close(self):
+        self.over = True
+        self.thread.join()
+        self.terminal.close()
+
+
+@pytest.mark.parametrize("name", virtual.MACHINES)
+def test_every_protocol_over_a_serial_line(tmp_path, name):
+    served = Served(name)
+    job = program(tmp_path, name, 200)
+    # A pseudo-terminal has 8 bits and no parity.
+    plain = replace(job.machine.stream, bytesize=8, parity="none")
+    job = Program(job.path, replace(job.machine, stream=plain))
+    try:
+        port = open_port(served.terminal.name, job.machine)
+        stream = Stream(job, port, protocol(FIRMWARE[name], job.machine.stream))
+        stream.run()
+        port.close()
+    finally:
+        served.close()
+    assert stream.protocol.proven_line == max(command.line for command in job.commands())
+    ran = [t for t in served.machine.executed if not t.startswith(("M11", "M575", "M105"))]
+    wanted = [command.text for command in job.commands()]
+    assert "".join(ran) == "".join(wanted)
+
+
+@pytest.mark.parametrize("name", [n for n in virtual.MACHINES if n != "fdm1650"])
+def test_the_firmware_is_recognised(name):
+    port = virtual.open_port(name, PRINTER)
+    assert connect.recognise(port) == FIRMWARE[name]
+
+
+def test_sml_is_recognised_by_its_enquiry():
+    assert connect.recognise(virtual.open_port("fdm1650", STRATASYS)) == "sml"
+
+
+def test_a_port_that_is_not_there_lists_those_that_are():
+    with pytest.raises(InputError, match=r"/dev/nowhere: there is none.*virtual:marlin"):
+        open_port("/dev/nowhere", PRINTER)
+    with pytest.raises(InputError, match="no such machine; known are marlin"):
+        open_port("virtual:reprap", PRINTER)
+    with pytest.raises(InputError, match="unknown setting 'speed'"):
+        open_port("virtual:marlin?speed=3", PRINTER)
+
+
+def test_no_permission_says_the_remedy(line, monkeypatch):
+    import serial
+
+    def refuse(self):
+        raise serial.SerialException(13, "could not open port: Permission denied")
+
+    monkeypatch.setattr(serial.Serial, "open", refuse)
+    with pytest.raises(InputError, match="usermod -aG dialout"):
+        open_port(line.name, PRINTER)
+
+
+def test_a_second_sender_is_kept_out(line):
+    first = SerialPort(line.name, PRINTER.stream)
+    with pytest.raises(InputError, match="another program is using it"):
+        SerialPort(line.name, PRINTER.stream)
+    first.close()
+    SerialPort(line.name, PRINTER.stream).close()
+
+
+def test_dtr_stays_low_so_that_boards_do_not_reset(line, monkeypatch):
+    import serial
+
+    opened = []
+    open_line = serial.Serial.open
+
+    def note(self):
+        opened.append((self.dtr, self.exclusive))
+        open_line(self)
+
+    monkeypatch.setattr(serial.Serial, "open", note)
+    SerialPort(line.name, PRINTER.stream).close()
+    assert opened == [(False, True)]
+
+
+def test_a_line_that_goes_away_is_a_lost_port():
+    terminal = PseudoTerminal()
+    port = SerialPort(terminal.name, PRINTER.stream)
+    terminal.close()
+
+    def use():
+        for _ in range(20):
+            port.write(b"M105\n")
+            port.read(0.05)
+
+    with pytest.raises(PortLost, match="is gone"):
+        use()
+
+
+def test_a_port_that_returns_under_another_name_is_found_by_its_number(monkeypatch):
+    from types import SimpleNamespace
+
+    first, second = PseudoTerminal(), PseudoTerminal()
+    here = [SimpleNamespace(device=first.name, serial_number="A1", description="")]
+    monkeypatch.setattr(ports, "_present", lambda: here)
+    port = SerialPort(first.name, PRINTER.stream)
+    first.close()
+    here.clear()
+    assert not port.reopen()
+    here.append(SimpleNamespace(device="/dev/other", serial_number="B2", description=""))
+    here.append(SimpleNamespace(device=second.name, serial_number="A1", description=""))
+    assert port.reopen()
+    port.write(b"x")
+    assert os.read(second._master, 1) == b"x"
+    port.close()
+    second.close()
+
+
+class Mute(virtual.VirtualPort):
+    """A port at which something else than the machine answers."""
+
+    said = b""
+
+    def read(self, seconds):
+        super().read(seconds)
+        return self.said
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        (b"", "no answer from marlin: is the machine on"),
+        (b"\xf1\x80\xff\x00\xe3\x9c" * 3, "the baud rate is another one"),
+        (b"Grbl 1.1h ['$' for help]\nerror:20\n", "no machine that speaks marlin"),
+    ],
+)
+def test_who_does_not_answer_as_expected_is_not_sent_to(tmp_path, said, message):
+    port = Mute(virtual.VirtualMarlin(PRINTER))
+    port.said = said
+    job = gcode(tmp_path / "job.gcode", 50)
+    with pytest.raises(InputError, match=message):
+        Stream(job, port, protocol("marlin", PRINTER.stream)).run()
+
+
+def test_another_machine_than_the_profiles_is_refused(tmp_path):
+    job = gcode(tmp_path / "job.gcode", 50)
+    port = virtual.open_port("klipper", PRINTER)
+    with pytest.raises(InputError, match="says it runs 'Klipper', but marlin"):
+        Stream(job, port, protocol("marlin", PRINTER.stream)).run()
+
+
+@pytest.mark.skipif("FDJAX_TEST_PORT" not in os.environ, reason="no printer at FDJAX_TEST_PORT")
+def test_a_printer_of_somebody_else_takes_a_file(tmp_path):
+    """FDJAX_TEST_PORT names its port, FDJAX_TEST_FIRMWARE what it speaks (default: recognised)."""
+    port = open_port(os.environ["FDJAX_TEST_PORT"], PRINTER)
+    firmware = os.environ.get("FDJAX_TEST_FIRMWARE") or connect.recognise(port)
+    job = gcode(tmp_path / "job.gcode", 300, extruder=False)
+    stream = Stream(job, port, protocol(firmware, PRINTER.stream))
+    stream.run()
+    port.close()
+    assert stream.protocol.proven_line == 300
