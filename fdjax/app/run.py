@@ -17,6 +17,7 @@ from fdjax.domain.patch import Patch
 from fdjax.errors import DesignError
 from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
+from fdjax.grid.continuation import Continuation
 from fdjax.grid.solvers import SOR, Multigrid, Newton
 from fdjax.pattern.base import Lines
 from fdjax.plan.check import check
@@ -84,7 +85,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     return table_of(job, result, written)
 
 
-SOLVERS = {"newton": Newton, "multigrid": Multigrid, "sor": SOR}
+SOLVERS = {"newton": Continuation(Newton()), "multigrid": Multigrid(), "sor": SOR()}
 
 
 def _solve(
@@ -118,7 +119,7 @@ def _solve(
         q=pattern.q,
         alpha=pattern.alpha,
         beta=pattern.beta,
-        solver=SOLVERS[pattern.solver](),
+        solver=SOLVERS[pattern.solver],
         progress=show,
     )
 

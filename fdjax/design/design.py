@@ -15,6 +15,7 @@ from fdjax.design.start import Start, begin
 from fdjax.domain.patch import Patch
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides
+from fdjax.grid.continuation import Continuation
 from fdjax.grid.quality import Quality, quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.spacing import fit_log_density
@@ -122,7 +123,8 @@ def design(
     - `layers`, `layer_height` (mm), `mode`, `phases`: of the stack, see `road.stacking.Stacking`;
       modes that are not staggered take no phases.
     - `map`: a key of `pattern.grid_lines.MAPS`; `nodes`, `solver`, `phi`, `psi`, `p`, `q`: of the
-      elliptic one; `alpha`, `beta`: of the stretched one.
+      elliptic one, by default Newton's method with continuation; `alpha`, `beta`: of the
+      stretched one.
     - `road_width`: mm; with "width" or "width_field" among the controls only where to begin, and
       None then leaves that to the target's mean.
     - `lines`: of each family on a layer; chosen from the target's mean if None.
@@ -175,7 +177,7 @@ def design(
         kind=map,
         stacking=stacking,
         nodes=nodes,
-        solver=solver or Newton(),
+        solver=solver or Continuation(Newton()),
     )
     # No more skewed than the grid that the outline itself gives.
     skew = jnp.maximum(pattern.skew_limit, 1.02 * _survey(pattern, limits).skew)

@@ -53,6 +53,10 @@ class Objective(eqx.Module):
     def __call__(self, controls: Any) -> tuple[Residuals, Bool[Array, ""]]:
         """Residuals at these controls, and whether the pattern could be made there."""
         realised = self.pattern.realise(controls)
+        return self.residuals(realised, controls), realised.made
+
+    def residuals(self, realised: Any, controls: Any) -> Residuals:
+        """Residuals of what these controls amount to."""
         error = self._cell_error(realised) if self.windows is None else self._error(realised)
         penalties = self.pattern.penalties(realised, self.limits)
         broken = Penalties(
@@ -62,7 +66,7 @@ class Objective(eqx.Module):
             )
         )
         roughness = self.smoothness * self.pattern.roughness(controls)
-        return Residuals(error, roughness, broken), realised.made
+        return Residuals(error, roughness, broken)
 
     def _error(self, realised: Any) -> Float[Array, " e"]:
         windows, (xy, volume) = self.windows, self.pattern.deposit(realised)

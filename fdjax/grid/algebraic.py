@@ -110,6 +110,16 @@ class Transfinite(AbstractSeparableMap):
         return of_left * left + of_right * right + of_bottom * bottom + of_top * top
 
 
+def between_walls(lattice: Float[Array, "ni nj 2"]) -> Float[Array, "ni nj 2"]:
+    """The transfinite interpolation, even in steps, of a lattice's boundary nodes."""
+    ni, nj = lattice.shape[:2]
+    of_left, of_right = _shares(jnp.linspace(0, 1, ni)[:, None])
+    of_bottom, of_top = _shares(jnp.linspace(0, 1, nj)[None])
+    along_xi = of_bottom * lattice[:, :1] + of_top * lattice[:, -1:]
+    left, right = (lattice[k][None] - along_xi[k] for k in (0, -1))
+    return along_xi + of_left * left + of_right * right
+
+
 def _shares(place: Float[Array, "..."]) -> tuple[Float[Array, "... 1"], Float[Array, "... 1"]]:
     """What the side at 0 and the side at 1 weigh at a place between, for points (..., 2)."""
     return 1 - place[..., None], place[..., None]

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from fdjax.grid import block_tridiagonal, multigrid, operators, winslow
+from fdjax.grid.algebraic import between_walls
 from fdjax.grid.operators import GridEquations
 from fdjax.grid.transfer import Pair, planes, points
 from fdjax.grid.winslow import ControlFunctions
@@ -34,7 +35,8 @@ HISTORY = 64
 class Report(NamedTuple):
     """How a solve went.
 
-    - `correction`: mean Gauss-Seidel correction at the end over that of the starting lattice.
+    - `correction`: mean Gauss-Seidel correction at the end over that of the starting lattice, or,
+      where the start was warm, over that of the transfinite lattice.
     - `folded`: whether a cell of the result has a corner that is not convex: a grid may converge
       to a folded one.
     - `reason`: index into `REASONS`.
@@ -50,10 +52,15 @@ class Report(NamedTuple):
 
     @classmethod
     def of(
-        cls, r: Float[Array, "ni nj 2"], progress: "_Progress", goal: Array, limit: int
+        cls,
+        r: Float[Array, "ni nj 2"],
+        progress: "_Progress",
+        unit: Array,
+        goal: Array,
+        limit: int,
     ) -> "Report":
         size, steps, _, history = progress
-        first = jnp.where(history[0] > 0, history[0], 1.0)
+        first = jnp.where(unit > 0, unit, 1.0)
         converged = size <= goal
         reason = jnp.where(steps >= limit, TOO_LONG, STALLED)
         reason = jnp.where(converged, CONVERGED, reason)
@@ -99,13 +106,34 @@ class AbstractSolver(ABC):
 
     @abstractmethod
     def solve(
-        self, start: Float[Array, "ni nj 2"], controls: ControlFunctions
-    ) -> tuple[Float[Array, "ni nj 2"], Report]: ...
+        self,
+        start: Float[Array, "ni nj 2"],
+        controls: ControlFunctions,
+        warm: Bool[Array, ""] | bool = False,
+    ) -> tuple[Float[Array, "ni nj 2"], Report]:
+        """The solved lattice and how it went.
+
+        `warm`: whether the start is near the solution, and is to be made use of. `tolerance` then
+        is of the mean correction of the transfinite lattice, which a cold start would have.
+        """
 
 
-def _goal(start: Float[Array, "ni nj 2"], first: Float[Array, ""], tolerance: float) -> Array:
-    """The mean correction to reach, mm: as asked, but not below what rounding leaves."""
-    return jnp.maximum(tolerance * first, 8 * jnp.finfo(start.dtype).eps * jnp.abs(start).max())
+def _measured(
+    start: Float[Array, "ni nj 2"],
+    controls: ControlFunctions,
+    tolerance: float,
+    warm: Bool[Array, ""] | bool,
+) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    """Mean correction of the start, the one that `tolerance` is of, and the one to reach, mm.
+
+    The last is as asked, but not below what rounding leaves.
+    """
+    first = unit = winslow.mean_correction(start, controls)
+    if warm is not False:
+        cold = winslow.mean_correction(between_walls(start), controls)
+        unit = jnp.where(warm, cold, first)
+    least = 8 * jnp.finfo(start.dtype).eps * jnp.abs(start).max()
+    return first, unit, jnp.maximum(tolerance * unit, least)
 
 
 @dataclass(frozen=True)
@@ -123,10 +151,12 @@ class Newton(AbstractSolver):
     halvings: int = 12
 
     def solve(
-        self, start: Float[Array, "ni nj 2"], controls: ControlFunctions
+        self,
+        start: Float[Array, "ni nj 2"],
+        controls: ControlFunctions,
+        warm: Bool[Array, ""] | bool = False,
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
-        first = winslow.mean_correction(start, controls)
-        goal = _goal(start, first, self.tolerance)
+        first, unit, goal = _measured(start, controls, self.tolerance, warm)
         equations = operators.equations_of(controls)
 
         def step(state: tuple) -> tuple:
@@ -146,7 +176,7 @@ class Newton(AbstractSolver):
             return points(cut), progress.after(size, ~better)
 
         r, progress = _iterate(step, start, first, goal, self.max_steps)
-        return r, Report.of(r, progress, goal, self.max_steps)
+        return r, Report.of(r, progress, unit, goal, self.max_steps)
 
 
 def _iterate(
@@ -187,10 +217,11 @@ def _cut_back(
 class Multigrid(AbstractSolver):
     """Full multigrid, line-relaxed: `fdjax.grid.multigrid`; the solver of choice for any size.
 
-    The first iteration is a full-multigrid start, the others are cycles, each cut back like a
-    Newton step where it folds the lattice or does not help; where all shorter ones fold too, the
-    whole one is taken, and later ones may unfold it again. Stops when the mean correction is
-    below `tolerance` times that of the starting lattice, or as small as rounding lets it be.
+    The first iteration is a full-multigrid start, unless the start is warm; the others are cycles,
+    each cut back like a Newton step where it folds the lattice or does not help; where all shorter
+    ones fold too, the whole one is taken, and later ones may unfold it again. Stops when the mean
+    correction is below `tolerance` times that of the starting lattice, or as small as rounding lets
+    it be.
     """
 
     tolerance: float = 1e-10
@@ -198,17 +229,19 @@ class Multigrid(AbstractSolver):
     halvings: int = 3
 
     def solve(
-        self, start: Float[Array, "ni nj 2"], controls: ControlFunctions
+        self,
+        start: Float[Array, "ni nj 2"],
+        controls: ControlFunctions,
+        warm: Bool[Array, ""] | bool = False,
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
         equations, begun = operators.equations_of(controls), planes(start)
         levels = multigrid.hierarchy(equations)
-        first = operators.mean_correction(equations, begun)
-        goal = _goal(start, first, self.tolerance)
+        first, unit, goal = _measured(start, controls, self.tolerance, warm)
         none = jax.tree.map(jnp.zeros_like, begun)
 
         def step(state: tuple) -> tuple:
             u, progress = state
-            fresh = progress.steps == 0
+            fresh = (progress.steps == 0) & ~jnp.asarray(warm)
             trial = multigrid.cycles(levels, u, none, fresh=fresh)
             cut, size, better = _cut_back(u, trial, progress.size, equations, self.halvings)
             # Where every step folds, the whole one is taken: later ones may unfold it again.
@@ -220,7 +253,7 @@ class Multigrid(AbstractSolver):
 
         found, progress = _iterate(step, begun, first, goal, self.max_cycles)
         r = points(found)
-        return r, Report.of(r, progress, goal, self.max_cycles)
+        return r, Report.of(r, progress, unit, goal, self.max_cycles)
 
 
 @dataclass(frozen=True)
@@ -238,11 +271,13 @@ class SOR(AbstractSolver):
     max_sweeps: int = 100_000
 
     def solve(
-        self, start: Float[Array, "ni nj 2"], controls: ControlFunctions
+        self,
+        start: Float[Array, "ni nj 2"],
+        controls: ControlFunctions,
+        warm: Bool[Array, ""] | bool = False,
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
         ni, nj = start.shape[:2]
-        first = winslow.mean_correction(start, controls)
-        goal = _goal(start, first, self.tolerance)
+        first, unit, goal = _measured(start, controls, self.tolerance, warm)
 
         def relax_node(k: Array, state: tuple) -> tuple:
             r, met = state
@@ -262,4 +297,4 @@ class SOR(AbstractSolver):
             return r, progress.after(met / count)
 
         r, progress = _iterate(step, start, first, goal, self.max_sweeps)
-        return r, Report.of(r, progress, goal, self.max_sweeps)
+        return r, Report.of(r, progress, unit, goal, self.max_sweeps)

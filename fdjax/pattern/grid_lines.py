@@ -106,7 +106,10 @@ class GridLines(AbstractPattern):
 
     def realise(self, controls: Controls) -> Realised:
         """The map and the road width that these controls give."""
-        grid, made = MAPS[self.kind](self, controls)
+        return self.over(*MAPS[self.kind](self, controls), controls)
+
+    def over(self, grid: AbstractGridMap, made: Bool[Array, ""], controls: Controls) -> Realised:
+        """The pattern over a map that these controls gave."""
         low, high = self.width_range
         if controls.width is None:
             width = UniformWidth(self.width)
@@ -253,14 +256,15 @@ def _transfinite(pattern: GridLines, controls: Controls) -> _Map:
     return Transfinite(pattern.sides, _spacings(controls)), _MADE
 
 
-def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
+def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
+    """The elliptic grid of a pattern at these controls, not solved yet."""
     ni, nj = pattern.nodes
     xi, eta = jnp.linspace(0, 1, ni)[1:-1, None], jnp.linspace(0, 1, nj)[None, 1:-1]
 
     def control(constant: float, spline: Array | None) -> Array | float:
         return constant if spline is None else constant + bspline.field(spline, xi, eta)
 
-    grid, report = Elliptic(
+    return Elliptic(
         pattern.sides,
         _spacings(controls),
         control(pattern.phi, controls.phi),
@@ -270,7 +274,11 @@ def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
         pattern.nodes,
         controls.spacing is not None,
         pattern.solver,
-    ).map()
+    )
+
+
+def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
+    grid, report = elliptic(pattern, controls).map()
     return grid, report.converged & ~report.folded
 
 

@@ -9,13 +9,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import jax
 import pytest
 from PIL import Image
 
 from fdjax.app import run
 from fdjax.app.cli import main
 from fdjax.design.design import Design
+from fdjax.domain.patch import cosine_top
 from fdjax.formats import profile, read_file
+from fdjax.grid.base import Sides
+from fdjax.grid.elliptic import Elliptic
+from fdjax.grid.solvers import Newton
 
 JOB = """
 machine = "marlin-0.4"
@@ -269,3 +274,19 @@ def test_a_file_in_the_place_of_the_output_folder(finished, again, tmp_path, cap
         assert "is no folder" in capsys.readouterr().err
     assert names(tmp_path) == {"saddle.toml", "out"}
     assert (tmp_path / "out").read_text() == "in the way"
+
+
+def test_the_solver_of_jobs_is_led_to_sources_that_newton_fails_on():
+    sides = Sides.of(cosine_top())
+
+    @jax.jit
+    def reports(p):
+        return [
+            Elliptic(sides, p=p, q=-p, nodes=(41, 31), solver=solver).solve()[1]
+            for solver in (Newton(), run.SOLVERS["newton"])
+        ]
+
+    alone, led = reports(4e-4)
+    assert not alone.converged
+    assert led.converged
+    assert not led.folded

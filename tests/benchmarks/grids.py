@@ -34,6 +34,21 @@ from fdjax.grid.winslow import ControlFunctions
 TOLERANCE = 1e-8
 SOLVER = Multigrid(TOLERANCE)
 
+_compiled: list[str] = []
+
+
+def _note(event: str, seconds: float, **_: object) -> None:
+    if event == "/jax/core/compile/backend_compile_duration":
+        _compiled.append(event)
+
+
+jax.monitoring.register_event_duration_secs_listener(_note)
+
+
+def compilations() -> int:
+    """Programs that JAX has compiled so far, or taken from its cache on disk."""
+    return len(_compiled)
+
 
 def transfinite(ni: int, nj: int) -> jax.Array:
     """The starting lattice, shape (ni, nj, 2)."""
@@ -84,14 +99,20 @@ def ratio(mine: float, other: float | None) -> str:
 
 
 def single(folder: Path | None, sides: list[int], sor: bool) -> None:
-    print("one grid           compile s   warm s  cycles  cycles at 0.03   to FAS   SOR to this")
+    print(
+        "one grid           compile s   warm s  cycles  cycles at 0.03   to FAS   SOR to this   "
+        "compilations: first, later"
+    )
     for ni, nj in ((51, 31), *((side, side) for side in sides)):
         start = transfinite(ni, nj)
         run = jax.jit(SOLVER.solve)
         none, pulled = constant(ni, nj), constant(ni, nj, 0.03, -0.03)
+        begun = compilations()
         first = cold(run, start, none)
+        between = compilations()
         warm = timed(run, start, none, repeats=20 if ni < 200 else 5)
         cycles, bent = (run(start, controls)[1] for controls in (none, pulled))
+        counts = between - begun, compilations() - between
         assert cycles.converged
         assert bent.converged
         fas = peer(folder, "winslow_fas", ni, nj, TOLERANCE, 1, 1, 3, 1, 1)
@@ -99,20 +120,22 @@ def single(folder: Path | None, sides: list[int], sor: bool) -> None:
         print(
             f"{ni:5} x {nj:<5} {first:15.1f} {warm:9.4f} {int(cycles.iterations):7} "
             f"{int(bent.iterations):13} {ratio(warm, fas):>12} "
-            f"{'-' if point is None else f'{point / warm:.1f}':>10}",
+            f"{'-' if point is None else f'{point / warm:.1f}':>10} {counts[0]:12}, {counts[1]}",
             flush=True,
         )
+
+
+def weighted(side: int) -> Callable[..., jax.Array]:
+    """A scalar of the solved lattice: a sum with random weights."""
+    weight = jnp.asarray(np.random.default_rng(1).normal(size=(side, side, 2)))
+    return lambda start, controls: (weight * solve(SOLVER, start, controls)[0]).sum()
 
 
 def gradient(sides: list[int]) -> None:
     print("gradient           compile s   warm s   to the solve   KiB a node, peak, all told")
     for side in sides:
         start, controls = transfinite(side, side), constant(side, side, 0.03, -0.03)
-        weight = jnp.asarray(np.random.default_rng(1).normal(size=start.shape))
-
-        def scalar(start, controls, weight=weight):
-            return (weight * solve(SOLVER, start, controls)[0]).sum()
-
+        scalar = weighted(side)
         forward, both = jax.jit(scalar), jax.jit(jax.value_and_grad(scalar, argnums=(0, 1)))
         cold(forward, start, controls)
         alone = timed(forward, start, controls, repeats=5)
@@ -126,7 +149,8 @@ def gradient(sides: list[int]) -> None:
         )
 
 
-def batch(count: int, side: int, large: int) -> None:
+def many(count: int, side: int) -> tuple[jax.Array, ControlFunctions]:
+    """Lattices to start from and controls, one after another along the first axis."""
     rng = np.random.default_rng(2)
     start = transfinite(side, side)
     # Boundaries that differ in height and lean, controls that differ in sign and size.
@@ -138,6 +162,11 @@ def batch(count: int, side: int, large: int) -> None:
             *(constant(side, side)[k] + pull[k] for k in (0, 1)), *constant(side, side)[2:]
         )
     )(pulls)
+    return starts, controls
+
+
+def batch(count: int, side: int, large: int) -> None:
+    starts, controls = many(count, side)
     run = jax.jit(jax.vmap(SOLVER.solve))
     first = cold(run, starts, controls)
     seconds = timed(run, starts, controls, repeats=3)

@@ -26,7 +26,7 @@ quick_jit = partial(
         "xla_llvm_disable_expensive_passes": True,
     },
 )
-solved = quick_jit(elliptic.solve, static_argnums=0)
+solved = quick_jit(elliptic.solve, static_argnums=(0, 3))
 
 
 @quick_jit

@@ -146,7 +146,7 @@ class Shows(AbstractSolver):
 
     names: tuple[str, str]
 
-    def solve(self, start, controls):
+    def solve(self, start, controls, warm=False):
         shown = jnp.stack([getattr(controls, name) for name in self.names], -1)
         return start.at[1:-1, 1:-1].set(shown), None
 
