@@ -79,27 +79,41 @@ class _Lines(NamedTuple):
     residual: Pair
 
 
+_FEW = 300
+"""Nodes of a colour up to which lines are eliminated one by one, by LAPACK."""
+
+
 def _solved(lines: _Lines, axis: int) -> Pair:
-    """Thomas' algorithm, all lines at once."""
+    """The change at the nodes."""
+    if lines.diagonal.size <= _FEW:
+        return _solved_one_by_one(lines, axis)
     lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines)
-    none = jnp.zeros_like(diagonal[0])
+    moved = jnp.array([0.0, 1.0, 1.0])[:, None]
 
-    def down(carry: tuple, row: tuple) -> tuple[tuple, tuple]:
-        ratio, x, y = carry
-        lower, diagonal, upper, rx, ry = row
-        pivot = 1 / (diagonal - lower * ratio)
-        carry = upper * pivot, (rx + lower * x) * pivot, (ry + lower * y) * pivot
-        return carry, carry
+    # Thomas' algorithm, all lines at once. Its three unknowns are one array: the time of short
+    # rows is that of starting operations.
+    def down(before: Array, row: tuple) -> tuple[Array, Array]:
+        lower, diagonal, upper, x, y = row
+        pivot = 1 / (diagonal - lower * before[0])
+        here = (jnp.stack([upper, x, y]) + moved * lower * before) * pivot
+        return here, here
 
-    _, rows = jax.lax.scan(down, (none, none, none), (lower, diagonal, upper, *residual))
+    none = jnp.zeros((3, diagonal.shape[1]))
+    _, rows = jax.lax.scan(down, none, (lower, diagonal, upper, *residual))
 
-    def up(carry: tuple, row: tuple) -> tuple[tuple, tuple]:
-        ratio, x, y = row
-        carry = x + ratio * carry[0], y + ratio * carry[1]
-        return carry, carry
+    def up(after: Array, row: Array) -> tuple[Array, Array]:
+        here = row[1:] + row[0] * after
+        return here, here
 
-    _, change = jax.lax.scan(up, (none, none), rows, reverse=True)
-    return each(lambda u: jnp.moveaxis(u, 0, axis), change)
+    _, change = jax.lax.scan(up, none[1:], rows, reverse=True)
+    return jnp.moveaxis(change[:, 0], 0, axis), jnp.moveaxis(change[:, 1], 0, axis)
+
+
+def _solved_one_by_one(lines: _Lines, axis: int) -> Pair:
+    lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, -1), lines)
+    lower, upper = lower.at[:, 0].set(0.0), upper.at[:, -1].set(0.0)
+    change = jax.lax.linalg.tridiagonal_solve(-lower, diagonal, -upper, jnp.stack(residual, -1))
+    return jnp.moveaxis(change[..., 0], -1, axis), jnp.moveaxis(change[..., 1], -1, axis)
 
 
 class AbstractOperator:

@@ -158,29 +158,55 @@ def _iterate(
     )
 
 
+class _Trial(NamedTuple):
+    """A lattice on the way to a new one, and how good it is."""
+
+    share: Array
+    u: Pair
+    size: Float[Array, ""]
+    folded: Bool[Array, ""]
+
+
 def _cut_back(
-    u: Pair, trial: Pair, size: Float[Array, ""], equations: GridEquations, halvings: int
+    u: Pair,
+    trial: Pair,
+    size: Float[Array, ""],
+    equations: GridEquations,
+    halvings: int,
+    *,
+    or_whole: bool = False,
 ) -> tuple[Pair, Float[Array, ""], Bool[Array, ""]]:
     """The longest of the steps 1, 1/2, 1/4 ... from u to `trial` that is good, if any is.
 
-    A good step lowers the mean correction `size` and keeps an unfolded lattice unfolded. Returns
+    A good step lowers the mean correction `size` and keeps an unfolded lattice unfolded; with
+    `or_whole`, where none is good, the whole one is taken if it lowers `size` at least. Returns
     the lattice, its mean correction, and whether a step was taken.
     """
     keep_unfolded = ~operators.folded(u)
 
-    def judged(share: Array) -> tuple:
-        there = jax.tree.map(lambda old, new: old + share * (new - old), u, trial)
-        size_there = operators.mean_correction(equations, there)
-        good = (size_there < size) & ~(keep_unfolded & operators.folded(there))
-        return share, there, size_there, good
+    def judged(share: Array, there: Pair) -> _Trial:
+        return _Trial(
+            share, there, operators.mean_correction(equations, there), operators.folded(there)
+        )
 
-    _, there, size_there, good = jax.lax.while_loop(
-        lambda state: ~state[3] & (state[0] > 0.5**halvings),
-        lambda state: judged(state[0] / 2),
-        judged(jnp.ones(())),
+    def good(state: _Trial) -> Array:
+        return (state.size < size) & ~(keep_unfolded & state.folded)
+
+    def halved(state: _Trial) -> _Trial:
+        share = state.share / 2
+        return judged(share, jax.tree.map(lambda old, new: old + share * (new - old), u, trial))
+
+    whole = judged(jnp.ones(()), trial)
+    found = jax.lax.while_loop(
+        lambda state: ~good(state) & (state.share > 0.5**halvings), halved, whole
     )
-    u = jax.tree.map(lambda old, new: jnp.where(good, new, old), u, there)
-    return u, jnp.where(good, size_there, size), good
+    taken = good(found)
+    if or_whole:
+        forward = ~taken & (whole.size < size)
+        found = jax.tree.map(lambda one, other: jnp.where(forward, one, other), whole, found)
+        taken = taken | forward
+    u = jax.tree.map(lambda old, new: jnp.where(taken, new, old), u, found.u)
+    return u, jnp.where(taken, found.size, size), taken
 
 
 @dataclass(frozen=True)
@@ -210,13 +236,11 @@ class Multigrid(AbstractSolver):
             u, progress = state
             fresh = progress.steps == 0
             trial = multigrid.cycles(levels, u, none, fresh=fresh)
-            cut, size, better = _cut_back(u, trial, progress.size, equations, self.halvings)
             # Where every step folds, the whole one is taken: later ones may unfold it again.
-            size_there = operators.mean_correction(equations, trial)
-            forward = ~better & (size_there < progress.size)
-            u = jax.tree.map(lambda old, new: jnp.where(forward, new, old), cut, trial)
-            size = jnp.where(forward, size_there, size)
-            return u, progress.after(size, ~better & ~forward & ~fresh)
+            u, size, better = _cut_back(
+                u, trial, progress.size, equations, self.halvings, or_whole=True
+            )
+            return u, progress.after(size, ~better & ~fresh)
 
         found, progress = _iterate(step, begun, first, goal, self.max_cycles)
         r = points(found)
