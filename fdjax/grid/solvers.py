@@ -230,12 +230,11 @@ class Multigrid(AbstractSolver):
         levels = multigrid.hierarchy(equations)
         first = operators.mean_correction(equations, begun)
         goal = _goal(start, first, self.tolerance)
-        none = jax.tree.map(jnp.zeros_like, begun)
 
         def step(state: tuple) -> tuple:
             u, progress = state
             fresh = progress.steps == 0
-            trial = multigrid.cycles(levels, u, none, fresh=fresh)
+            trial = multigrid.cycles(levels, u, None, fresh=fresh)
             # Where every step folds, the whole one is taken: later ones may unfold it again.
             u, size, better = _cut_back(
                 u, trial, progress.size, equations, self.halvings, or_whole=True
