@@ -161,9 +161,7 @@ class GridEquations(AbstractOperator):
         a, b, c, by_xi, by_eta = _coefficients(x, y, *map(nodes.of, self.controls))
 
         def left(d: _Differences) -> Array:
-            return (
-                a * d.xi_xi - 2 * b * d.xi_eta + c * d.eta_eta + by_xi * d.xi + by_eta * d.eta
-            )
+            return a * d.xi_xi - 2 * b * d.xi_eta + c * d.eta_eta + by_xi * d.xi + by_eta * d.eta
 
         matrix = _line_matrix(a, c, by_xi, by_eta, nodes.axis)
         return _Lines(*matrix, nodes.less((left(x), left(y)), f))
