@@ -53,14 +53,14 @@ def hierarchy(equations: GridEquations) -> list[GridEquations]:
 def cycles(
     levels: Any,
     u: Pair,
-    f: Pair,
+    f: Pair | None,
     *,
     count: int = 1,
     visits: tuple[int, ...] = (2, 2),
     fresh: Any = False,
     linear: bool = False,
 ) -> Pair:
-    """u after `count` multigrid cycles for N(u) = f.
+    """u after `count` multigrid cycles for N(u) = f, or = 0 without f.
 
     - `levels`: the operators on all lattices, finest first.
     - `fresh`: whether to begin with a solution on the next coarser lattice, found in the same way:
@@ -84,7 +84,7 @@ def cycles(
         u = operator.relaxed(u, f, 0)
         residual = each(restricted_residual, operator.residual(u, f))
         coarse = none if linear else each(restricted, u)
-        own = rest[0].residual(coarse, none)
+        own = rest[0].residual(coarse)
         goal = each(lambda n, r: jnp.where(starting, 0.0, n - r), own, residual)
         found = cycles(
             rest,
@@ -143,7 +143,7 @@ def solve_linear(
 
     def step(state: _Search) -> _Search:
         way = cycles(levels, zero, state.residual, linear=True)
-        image = operator.residual(way, zero)
+        image = operator.residual(way)
         share = sum(
             (
                 jnp.einsum("kij,ij->k", old, new)

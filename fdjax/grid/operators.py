@@ -54,6 +54,10 @@ class _Nodes(NamedTuple):
             padding.append((start, end, step - 1))
         return jax.lax.pad(values, jnp.zeros((), values.dtype), padding)
 
+    def less(self, values: Pair, f: Pair | None) -> Pair:
+        """The values less those of planes, if there are any."""
+        return values if f is None else each(lambda v, plane: v - self.of(plane), values, f)
+
     def differences(self, u: Plane) -> _Differences:
         here, east, west = self.of(u), self.of(u, 1), self.of(u, -1)
         north, south = self.of(u, 0, 1), self.of(u, 0, -1)
@@ -79,41 +83,55 @@ class _Lines(NamedTuple):
     residual: Pair
 
 
+_FEW = 300
+"""Nodes of a colour up to which lines are eliminated one by one, by LAPACK."""
+
+
 def _solved(lines: _Lines, axis: int) -> Pair:
-    """Thomas' algorithm, all lines at once."""
+    """The change at the nodes."""
+    if lines.diagonal.size <= _FEW:
+        return _solved_one_by_one(lines, axis)
     lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines)
-    none = jnp.zeros_like(diagonal[0])
+    moved = jnp.array([0.0, 1.0, 1.0])[:, None]
 
-    def down(carry: tuple, row: tuple) -> tuple[tuple, tuple]:
-        ratio, x, y = carry
-        lower, diagonal, upper, rx, ry = row
-        pivot = 1 / (diagonal - lower * ratio)
-        carry = upper * pivot, (rx + lower * x) * pivot, (ry + lower * y) * pivot
-        return carry, carry
+    # Thomas' algorithm, all lines at once. Its three unknowns are one array: the time of short
+    # rows is that of starting operations.
+    def down(before: Array, row: tuple) -> tuple[Array, Array]:
+        lower, diagonal, upper, x, y = row
+        pivot = 1 / (diagonal - lower * before[0])
+        here = (jnp.stack([upper, x, y]) + moved * lower * before) * pivot
+        return here, here
 
-    _, rows = jax.lax.scan(down, (none, none, none), (lower, diagonal, upper, *residual))
+    none = jnp.zeros((3, diagonal.shape[1]))
+    _, rows = jax.lax.scan(down, none, (lower, diagonal, upper, *residual))
 
-    def up(carry: tuple, row: tuple) -> tuple[tuple, tuple]:
-        ratio, x, y = row
-        carry = x + ratio * carry[0], y + ratio * carry[1]
-        return carry, carry
+    def up(after: Array, row: Array) -> tuple[Array, Array]:
+        here = row[1:] + row[0] * after
+        return here, here
 
-    _, change = jax.lax.scan(up, (none, none), rows, reverse=True)
-    return each(lambda u: jnp.moveaxis(u, 0, axis), change)
+    _, change = jax.lax.scan(up, none[1:], rows, reverse=True)
+    return jnp.moveaxis(change[:, 0], 0, axis), jnp.moveaxis(change[:, 1], 0, axis)
+
+
+def _solved_one_by_one(lines: _Lines, axis: int) -> Pair:
+    lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, -1), lines)
+    lower, upper = lower.at[:, 0].set(0.0), upper.at[:, -1].set(0.0)
+    change = jax.lax.linalg.tridiagonal_solve(-lower, diagonal, -upper, jnp.stack(residual, -1))
+    return jnp.moveaxis(change[..., 0], -1, axis), jnp.moveaxis(change[..., 1], -1, axis)
 
 
 class AbstractOperator:
-    """An equation `N(u) = f` on one lattice."""
+    """An equation `N(u) = f` on one lattice; without f it is zero, and costs no reading."""
 
     @abstractmethod
-    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+    def lines(self, u: Pair, f: Pair | None, nodes: _Nodes) -> _Lines:
         """Line systems for the change of u at `nodes`; the residual is N(u) - f."""
 
-    def residual(self, u: Pair, f: Pair) -> Pair:
+    def residual(self, u: Pair, f: Pair | None = None) -> Pair:
         """N(u) - f, zero on the walls."""
         return each(lambda v: jnp.pad(v, 1), self.lines(u, f, _ALL).residual)
 
-    def relaxed(self, u: Pair, f: Pair, axis: int) -> Pair:
+    def relaxed(self, u: Pair, f: Pair | None, axis: int) -> Pair:
         """u after zebra relaxation along the lines of an axis."""
         for first in (1, 2):
             nodes = _Nodes(axis, first)
@@ -138,22 +156,15 @@ class GridEquations(AbstractOperator):
 
     controls: ControlFunctions
 
-    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+    def lines(self, u: Pair, f: Pair | None, nodes: _Nodes) -> _Lines:
         x, y = (nodes.differences(plane) for plane in u)
         a, b, c, by_xi, by_eta = _coefficients(x, y, *map(nodes.of, self.controls))
 
-        def residual(d: _Differences, f: Plane) -> Array:
-            return (
-                a * d.xi_xi
-                - 2 * b * d.xi_eta
-                + c * d.eta_eta
-                + by_xi * d.xi
-                + by_eta * d.eta
-                - nodes.of(f)
-            )
+        def left(d: _Differences) -> Array:
+            return a * d.xi_xi - 2 * b * d.xi_eta + c * d.eta_eta + by_xi * d.xi + by_eta * d.eta
 
         matrix = _line_matrix(a, c, by_xi, by_eta, nodes.axis)
-        return _Lines(*matrix, (residual(x, f[0]), residual(y, f[1])))
+        return _Lines(*matrix, nodes.less((left(x), left(y)), f))
 
     def coarser(self) -> "GridEquations":
         ni, nj = self.controls.phi.shape
@@ -222,18 +233,18 @@ class Linearised(AbstractOperator):
 
     terms: Derivative
 
-    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+    def lines(self, u: Pair, f: Pair | None, nodes: _Nodes) -> _Lines:
         x, y = (nodes.differences(plane) for plane in u)
         a, b, c, of_xi, of_eta = jax.tree.map(nodes.of, self.terms)
 
-        def residual(d: _Differences, k: int) -> Array:
+        def left(d: _Differences, k: int) -> Array:
             own = a * d.xi_xi - 2 * b * d.xi_eta + c * d.eta_eta
             own = own + of_xi[2 * k] * x.xi + of_xi[2 * k + 1] * y.xi
-            return own + of_eta[2 * k] * x.eta + of_eta[2 * k + 1] * y.eta - nodes.of(f[k])
+            return own + of_eta[2 * k] * x.eta + of_eta[2 * k + 1] * y.eta
 
         mean_xi, mean_eta = (of_xi[0] + of_xi[3]) / 2, (of_eta[0] + of_eta[3]) / 2
         matrix = _line_matrix(a, c, mean_xi, mean_eta, nodes.axis)
-        return _Lines(*matrix, (residual(x, 0), residual(y, 1)))
+        return _Lines(*matrix, nodes.less((left(x, 0), left(y, 1)), f))
 
 
 @jax.tree_util.register_dataclass
@@ -243,26 +254,25 @@ class Transposed(AbstractOperator):
 
     terms: Derivative
 
-    def lines(self, u: Pair, f: Pair, nodes: _Nodes) -> _Lines:
+    def lines(self, u: Pair, f: Pair | None, nodes: _Nodes) -> _Lines:
         a, b, c, of_xi, of_eta = self.terms
 
         def second(weight: Plane, v: Plane, part: str) -> Array:
             return getattr(nodes.differences(weight * v), part)
 
-        def residual(k: int) -> Array:
+        def left(k: int) -> Array:
             v = u[k]
             own = second(a, v, "xi_xi") - 2 * second(b, v, "xi_eta") + second(c, v, "eta_eta")
             by_xi = of_xi[k] * u[0] + of_xi[2 + k] * u[1]
             by_eta = of_eta[k] * u[0] + of_eta[2 + k] * u[1]
-            own = own - nodes.differences(by_xi).xi - nodes.differences(by_eta).eta
-            return own - nodes.of(f[k])
+            return own - nodes.differences(by_xi).xi - nodes.differences(by_eta).eta
 
         mean_xi, mean_eta = (of_xi[0] + of_xi[3]) / 2, (of_eta[0] + of_eta[3]) / 2
         lower, _, upper = _line_matrix(a, c, mean_xi, mean_eta, nodes.axis)
         before, after = ((-1, 0), (1, 0)) if nodes.axis == 0 else ((0, -1), (0, 1))
         # What acts on the node before is the upper coefficient of that node.
         matrix = nodes.of(upper, *before), nodes.of(2 * (a + c)), nodes.of(lower, *after)
-        return _Lines(*matrix, (residual(0), residual(1)))
+        return _Lines(*matrix, nodes.less((left(0), left(1)), f))
 
 
 def equations_of(controls: ControlFunctions) -> GridEquations:
@@ -272,7 +282,7 @@ def equations_of(controls: ControlFunctions) -> GridEquations:
 
 def mean_correction(equations: GridEquations, u: Pair) -> Float[Array, ""]:
     """What `winslow.mean_correction` gives, from planes."""
-    lines = equations.lines(u, each(jnp.zeros_like, u), _ALL)
+    lines = equations.lines(u, None, _ALL)
     x, y = lines.residual
     return _total((jnp.abs(x) + jnp.abs(y)) / lines.diagonal) / (2 * x.size)
 

@@ -188,29 +188,82 @@ def _iterate(
     )
 
 
+class _Trial(NamedTuple):
+    """A lattice on the way to a new one, and how good it is."""
+
+    share: Array
+    u: Pair
+    size: Float[Array, ""]
+    folded: Bool[Array, ""]
+
+
 def _cut_back(
-    u: Pair, trial: Pair, size: Float[Array, ""], equations: GridEquations, halvings: int
+    u: Pair,
+    trial: Pair,
+    size: Float[Array, ""],
+    equations: GridEquations,
+    halvings: int,
+    *,
+    or_whole: bool = False,
 ) -> tuple[Pair, Float[Array, ""], Bool[Array, ""]]:
     """The longest of the steps 1, 1/2, 1/4 ... from u to `trial` that is good, if any is.
 
-    A good step lowers the mean correction `size` and keeps an unfolded lattice unfolded. Returns
+    A good step lowers the mean correction `size` and keeps an unfolded lattice unfolded; with
+    `or_whole`, where none is good, the whole one is taken if it lowers `size` at least. Returns
     the lattice, its mean correction, and whether a step was taken.
     """
     keep_unfolded = ~operators.folded(u)
 
-    def judged(share: Array) -> tuple:
-        there = jax.tree.map(lambda old, new: old + share * (new - old), u, trial)
-        size_there = operators.mean_correction(equations, there)
-        good = (size_there < size) & ~(keep_unfolded & operators.folded(there))
-        return share, there, size_there, good
+    def judged(share: Array, there: Pair) -> _Trial:
+        return _Trial(
+            share, there, operators.mean_correction(equations, there), operators.folded(there)
+        )
 
-    _, there, size_there, good = jax.lax.while_loop(
-        lambda state: ~state[3] & (state[0] > 0.5**halvings),
-        lambda state: judged(state[0] / 2),
-        judged(jnp.ones(())),
+    def good(state: _Trial) -> Array:
+        return (state.size < size) & ~(keep_unfolded & state.folded)
+
+    def halved(state: _Trial) -> _Trial:
+        share = state.share / 2
+        return judged(share, jax.tree.map(lambda old, new: old + share * (new - old), u, trial))
+
+    whole = judged(jnp.ones(()), trial)
+    found = jax.lax.while_loop(
+        lambda state: ~good(state) & (state.share > 0.5**halvings), halved, whole
     )
-    u = jax.tree.map(lambda old, new: jnp.where(good, new, old), u, there)
-    return u, jnp.where(good, size_there, size), good
+    taken = good(found)
+    if or_whole:
+        forward = ~taken & (whole.size < size)
+        found = jax.tree.map(lambda one, other: jnp.where(forward, one, other), whole, found)
+        taken = taken | forward
+    u = jax.tree.map(lambda old, new: jnp.where(taken, new, old), u, found.u)
+    return u, jnp.where(taken, found.size, size), taken
+
+
+TOGETHER = 4
+"""Lattices of a batch that are solved at once: they wait for the slowest of them only."""
+
+
+def _few_at_once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function that `vmap` maps over `TOGETHER` arguments at once, one such lot after another."""
+    function = jax.custom_batching.custom_vmap(function)
+
+    @function.def_vmap
+    def mapped(count: int, batched: Any, *arguments: Any) -> tuple[Any, Any]:
+        lots = -(-count // TOGETHER)
+        size = -(-count // lots)
+        # The last one again makes the lots equal, so that one size is compiled.
+        index = jnp.minimum(jnp.arange(lots * size), count - 1).reshape(lots, size)
+
+        def chosen(places: Array) -> Any:
+            return jax.tree.map(lambda u, many: u[places] if many else u, arguments, tuple(batched))
+
+        axes = jax.tree.map(lambda many: 0 if many else None, tuple(batched))
+        one = jax.vmap(function.fun, in_axes=axes)
+        found = jax.lax.map(lambda places: one(*chosen(places)), index)
+        found = jax.tree.map(lambda u: u.reshape(-1, *u.shape[2:])[:count], found)
+        return found, jax.tree.map(lambda _: True, found)
+
+    return function
 
 
 @dataclass(frozen=True)
@@ -234,22 +287,24 @@ class Multigrid(AbstractSolver):
         controls: ControlFunctions,
         warm: Bool[Array, ""] | bool = False,
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
+        return _few_at_once(self._solve)(start, controls, jnp.asarray(warm))
+
+    def _solve(
+        self, start: Float[Array, "ni nj 2"], controls: ControlFunctions, warm: Bool[Array, ""]
+    ) -> tuple[Float[Array, "ni nj 2"], Report]:
         equations, begun = operators.equations_of(controls), planes(start)
         levels = multigrid.hierarchy(equations)
         first, unit, goal = _measured(start, controls, self.tolerance, warm)
-        none = jax.tree.map(jnp.zeros_like, begun)
 
         def step(state: tuple) -> tuple:
             u, progress = state
-            fresh = (progress.steps == 0) & ~jnp.asarray(warm)
-            trial = multigrid.cycles(levels, u, none, fresh=fresh)
-            cut, size, better = _cut_back(u, trial, progress.size, equations, self.halvings)
+            fresh = (progress.steps == 0) & ~warm
+            trial = multigrid.cycles(levels, u, None, fresh=fresh)
             # Where every step folds, the whole one is taken: later ones may unfold it again.
-            size_there = operators.mean_correction(equations, trial)
-            forward = ~better & (size_there < progress.size)
-            u = jax.tree.map(lambda old, new: jnp.where(forward, new, old), cut, trial)
-            size = jnp.where(forward, size_there, size)
-            return u, progress.after(size, ~better & ~forward & ~fresh)
+            u, size, better = _cut_back(
+                u, trial, progress.size, equations, self.halvings, or_whole=True
+            )
+            return u, progress.after(size, ~better & ~fresh)
 
         found, progress = _iterate(step, begun, first, goal, self.max_cycles)
         r = points(found)

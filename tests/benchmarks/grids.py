@@ -10,7 +10,6 @@ the machine's C compiler and timed beside fdjax. Without the folder the times st
 
 import argparse
 import re
-import resource
 import shutil
 import statistics
 import subprocess
@@ -125,26 +124,37 @@ def single(folder: Path | None, sides: list[int], sor: bool) -> None:
         )
 
 
-def weighted(side: int) -> Callable[..., jax.Array]:
-    """A scalar of the solved lattice: a sum with random weights."""
-    weight = jnp.asarray(np.random.default_rng(1).normal(size=(side, side, 2)))
-    return lambda start, controls: (weight * solve(SOLVER, start, controls)[0]).sum()
+def weights(side: int) -> jax.Array:
+    """Random weights of a lattice's coordinates."""
+    return jnp.asarray(np.random.default_rng(1).normal(size=(side, side, 2)))
+
+
+def weighted(start: jax.Array, controls: ControlFunctions, weight: jax.Array) -> jax.Array:
+    """A scalar of the solved lattice: a weighted sum of its coordinates."""
+    return (weight * solve(SOLVER, start, controls)[0]).sum()
 
 
 def gradient(sides: list[int]) -> None:
-    print("gradient           compile s   warm s   to the solve   KiB a node, peak, all told")
+    print("gradient           compile s   warm s   to the solve   KiB a node: within, with ends")
     for side in sides:
         start, controls = transfinite(side, side), constant(side, side, 0.03, -0.03)
-        scalar = weighted(side)
-        forward, both = jax.jit(scalar), jax.jit(jax.value_and_grad(scalar, argnums=(0, 1)))
-        cold(forward, start, controls)
-        alone = timed(forward, start, controls, repeats=5)
-        first = cold(both, start, controls)
-        warm = timed(both, start, controls, repeats=5)
-        assert all(jnp.isfinite(g).all() for g in jax.tree.leaves(both(start, controls)[1]))
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / side**2
+        weight = weights(side)
+        forward = jax.jit(weighted)
+        cold(forward, start, controls, weight)
+        alone = timed(forward, start, controls, weight, repeats=5)
+        began = time.perf_counter()
+        both = jax.jit(jax.value_and_grad(weighted, argnums=(0, 1)))
+        both = both.lower(start, controls, weight).compile()
+        jax.block_until_ready(both(start, controls, weight))
+        first = time.perf_counter() - began
+        warm = timed(both, start, controls, weight, repeats=5)
+        assert all(jnp.isfinite(g).all() for g in jax.tree.leaves(both(start, controls, weight)[1]))
+        taken = both.memory_analysis()
+        own = taken.temp_size_in_bytes / side**2 / 1024
+        ends = taken.argument_size_in_bytes + taken.output_size_in_bytes
         print(
-            f"{side:5} x {side:<5} {first:15.1f} {warm:9.4f} {warm / alone:12.2f} {peak:12.2f}",
+            f"{side:5} x {side:<5} {first:15.1f} {warm:9.4f} {warm / alone:12.2f} "
+            f"{own:12.2f} {own + ends / side**2 / 1024:12.2f}",
             flush=True,
         )
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from grids import SOLVER, compilations, constant, many, transfinite, weighted
+from grids import SOLVER, compilations, constant, many, transfinite, weighted, weights
 
 from fdjax.domain.patch import cosine_top
 from fdjax.grid.base import Sides
@@ -34,8 +34,9 @@ def test_one_grid(benchmark, shape):
 @pytest.mark.benchmark
 def test_value_and_gradient(benchmark):
     side = 129
-    function = jax.value_and_grad(weighted(side), argnums=(0, 1))
-    _, slopes = run(benchmark, function, transfinite(side, side), constant(side, side, 0.03, -0.03))
+    function = jax.value_and_grad(weighted, argnums=(0, 1))
+    problem = transfinite(side, side), constant(side, side, 0.03, -0.03), weights(side)
+    _, slopes = run(benchmark, function, *problem)
     assert all(np.isfinite(slope).all() for slope in jax.tree.leaves(slopes))
 
 

@@ -188,6 +188,24 @@ def test_many_lattices_are_solved_at_once_as_each_alone():
         np.testing.assert_allclose(together[k], alone, atol=1e-7)
 
 
+def test_lattices_of_a_batch_wait_for_few_others_only():
+    """More than are solved at once, in two nested maps, one argument the same for all."""
+    shape = (12, 9)
+    start, functions = jnp.asarray(transfinite(cosine_top(), shape)), controls(shape, 0.05)
+    heights = jnp.array([[1.0, 0.7, 1.3], [1.1, 1.2, 0.8]])
+    starts = start * jnp.stack([jnp.ones_like(heights), heights], -1)[:, :, None, None]
+    solve = Multigrid(1e-11).solve
+    by_row = jax.vmap(solve, in_axes=(0, None))
+    together, report = quick_jit(jax.vmap(by_row, in_axes=(0, None)))(starts, functions)
+    flat, _ = quick_jit(by_row)(starts.reshape(6, *start.shape), functions)
+    assert report.converged.all()
+    for k in range(6):
+        alone, own = solved(Multigrid(1e-11), starts[divmod(k, 3)], functions)
+        assert int(report.iterations[divmod(k, 3)]) == int(own.iterations)
+        np.testing.assert_allclose(together[divmod(k, 3)], alone, atol=1e-7)
+        np.testing.assert_allclose(flat[k], alone, atol=1e-7)
+
+
 # --- any domain ---
 
 OUTLINES, LATTICE = 150, (41, 31)
