@@ -26,9 +26,11 @@ _HOMES = {
     "load_machine": "formats.profile:load",
     "read_file": "formats",
     "write_file": "formats",
+    "Stream": "machine.stream",
     "FdjaxError": "errors",
     "InputError": "errors",
     "DesignError": "errors",
+    "StreamError": "errors",
 }
 """Module of each public name, and its name there where that is another."""
 

@@ -12,6 +12,7 @@ import fdjax
 from fdjax.app import config
 from fdjax.app.cli import main
 from fdjax.formats import read_file
+from fdjax.machine.protocols import PROTOCOLS
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -57,6 +58,11 @@ def test_job_table_is_up_to_date():
     assert between("job table") == config.table() + "\n"
 
 
+def test_protocols_promise_what_the_code_says():
+    rows = [f"| {name} | {kind.guarantee} |\n" for name, kind in PROTOCOLS.items()]
+    assert between("protocols") == "| firmware | promise |\n|---|---|\n" + "".join(rows)
+
+
 def test_set_up_lines_are_what_is_checked():
     checked = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
     install, test = (command.removeprefix(".venv/bin/") for command in TESTS.split(" && "))
@@ -95,7 +101,7 @@ def test_commands_that_it_names_are_there(command, capsys):
 
 
 def test_options_that_it_names_are_there(capsys):
-    for command in ("design", "measure", "machines"):
+    for command in ("design", "measure", "send", "virtual", "machines"):
         main([command, "--help"])
     text = capsys.readouterr().out
     section = README.split("## Commands")[1].split("\n## ")[0]
@@ -129,15 +135,17 @@ def test_rooms_import_from_rooms_above():
     order = rooms_in_order()
     folder = ROOT / "fdjax"
     rooms = {path.relative_to(folder).parts[0] for path in folder.rglob("*.py")}
-    assert {room.removesuffix(".py") for room in rooms} == {*order, "__init__"}
+    assert {room.removesuffix(".py") for room in rooms} == {*order, "__init__", "__main__"}
     for path in folder.rglob("*.py"):
         room = path.relative_to(folder).parts[0].removesuffix(".py")
-        if room == "__init__":
+        if room in ("__init__", "__main__"):
             continue
         above = order[: order.index(room)]
         for module in imports_of(path):
             other = module.split(".")[0]
             exception = room in ("pattern", "design") and module == "plan.limits"
             assert other == room or other in above or exception, f"{path}: {module}"
+            if room == "machine":
+                assert other in ("errors", "units", "formats", room)
             if room in ("plan", "formats", "view"):
                 assert other in ("errors", "units", "plan", room) or module == "road.bead"

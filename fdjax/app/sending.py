@@ -1,13 +1,11 @@
 """`fdjax send`: check a file, show what it will do, stream it, and remember how far it came."""
 
 import dataclasses
-import signal
 import sys
-import threading
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 
+from fdjax.app.console import Controls, Progress, clock
 from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.formats.profile import Machine
@@ -51,7 +49,7 @@ def send(request: Request) -> None:
     program = Program(request.file, machine)
     found = _survey(program, request.quiet)
     _say(summary(program, found), request.quiet)
-    _refuse(program, found)
+    found.refuse(program.path)
     if request.dry_run:
         return
     if request.port is None:
@@ -65,7 +63,7 @@ def send(request: Request) -> None:
         firmware = machine.stream.firmware
         if firmware == "auto":
             firmware = connect.recognise(port)
-        progress = _Progress(found, request.quiet)
+        progress = Progress(found, request.quiet)
         with _Records(program, digest, request, port) as records:
 
             def on_event(event: Event) -> None:
@@ -83,7 +81,7 @@ def send(request: Request) -> None:
             _confirm(request, point)
             records.begin(point)
             try:
-                with _Controls(stream, request.yes):
+                with Controls(stream, request.yes):
                     stream.run()
             finally:
                 progress.close()
@@ -115,14 +113,6 @@ def _survey(program: Program, quiet: bool) -> Survey:
     return found
 
 
-def _refuse(program: Program, found: Survey) -> None:
-    if found.errors:
-        more = len(found.errors) - 1
-        others = f" (and {more} more, listed above)" if more else ""
-        first = str(found.errors[0]).removeprefix("error: ")
-        raise InputError(f"{program.path}: {first}{others}")
-
-
 def summary(program: Program, found: Survey) -> str:
     """What a file will do, for people."""
     lines = [f"{program.path.name} for {program.machine.title}"]
@@ -132,17 +122,11 @@ def summary(program: Program, found: Survey) -> str:
     lines.append(f"  layers    {len(found.layers)}")
     filament = f", {found.filament / 1000:.2f} m of filament" if found.filament else ""
     lines.append(f"  material  {found.volume / 1000:.2f} cm^3, {found.grams:.1f} g{filament}")
-    lines.append(f"  time      {_clock(found.seconds)}, heating and homing on top")
+    lines.append(f"  time      {clock(found.seconds)}, heating and homing on top")
     if found.nozzle or found.bed:
         lines.append(f"  heat      nozzle {found.nozzle:g}, bed {found.bed:g} degrees Celsius")
     lines += [f"  {finding}" for finding in found.findings]
     return "\n".join(lines)
-
-
-def _clock(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
 
 
 def _say(text: str, quiet: bool) -> None:
@@ -247,99 +231,3 @@ class _Records:
         self.log.close()
         if self._journal is not None:
             self._journal.close()
-
-
-class _Controls:
-    """Ctrl-C aborts safely, a second one stops at once; lines typed at a terminal do more."""
-
-    def __init__(self, stream: Stream, unattended: bool) -> None:
-        self._stream = stream
-        self._interrupts = 0
-        self._typed = not unattended and sys.stdin.isatty()
-
-    def __enter__(self) -> None:
-        self._before = signal.signal(signal.SIGINT, self._interrupt)
-        self._term = signal.signal(signal.SIGTERM, self._interrupt)
-        if self._typed:
-            print("p: pause, r: resume, a: abort, !: emergency stop (each with Enter)")
-            threading.Thread(target=self._listen, daemon=True).start()
-
-    def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._before)
-        signal.signal(signal.SIGTERM, self._term)
-
-    def _interrupt(self, number: int, frame: FrameType | None) -> None:
-        self._interrupts += 1
-        if self._interrupts == 1:
-            self._stream.abort()
-        else:
-            self._stream.emergency_stop()
-
-    def _listen(self) -> None:
-        orders = {
-            "p": self._stream.pause,
-            "r": self._stream.resume,
-            "a": self._stream.abort,
-            "!": self._stream.emergency_stop,
-        }
-        for line in sys.stdin:
-            order = orders.get(line.strip().lower())
-            if order is not None:
-                order()
-
-
-class _Progress:
-    """One line: layer, share, time left, temperatures; faults and messages above it."""
-
-    _BAR = 24
-
-    def __init__(self, found: Survey, quiet: bool) -> None:
-        self._survey = found
-        self._quiet = quiet
-        self._in_place = sys.stderr.isatty()
-        self._heat: dict[str, tuple[float, float]] = {}
-        self._shown = ""
-
-    def __call__(self, event: Event) -> None:
-        self._heat.update(event.values)
-        if self._quiet:
-            return
-        if event.kind in ("fault", "state") or (event.kind == "message" and self._matters(event)):
-            self._print(event.text, end="\n")
-        elif self._in_place or event.kind in ("layer", "done"):
-            line = self._line(event)
-            if line != self._shown:
-                self._shown = line
-                self._print(line, end="" if self._in_place else "\n")
-
-    @staticmethod
-    def _matters(event: Event) -> bool:
-        return event.text.startswith(("waiting", "it cannot", "the port"))
-
-    def _print(self, text: str, end: str) -> None:
-        start = "\r\x1b[K" if self._in_place else ""
-        print(start + text, end=end, file=sys.stderr, flush=True)
-
-    def _line(self, event: Event) -> str:
-        left = 0.0 if event.kind == "done" else self._left(event.line, event.layer)
-        share = 1 - left / self._survey.seconds if self._survey.seconds else 0.0
-        bar = "#" * round(self._BAR * share)
-        heat = "".join(f"  {k} {a:.0f}/{w:.0f}" for k, (a, w) in self._heat.items())
-        layers = f"layer {event.layer}/{len(self._survey.layers)}"
-        return f"{layers}  [{bar:.<{self._BAR}}] {100 * share:3.0f} %  {_clock(left)} left{heat}"
-
-    def _left(self, line: int, layer: int) -> float:
-        """Seconds of motion after a line, evenly over the lines of its layer."""
-        layers, total = self._survey.layers, self._survey.seconds
-        first, began = (layers[layer - 1].line, layers[layer - 1].seconds) if layer else (1, 0.0)
-        last, ends = (
-            (layers[layer].line, layers[layer].seconds)
-            if layer < len(layers)
-            else (self._survey.lines + 1, total)
-        )
-        done = (line - first + 1) / max(last - first, 1)
-        return max(total - began - min(done, 1.0) * (ends - began), 0.0)
-
-    def close(self) -> None:
-        if self._in_place and not self._quiet:
-            print(file=sys.stderr)

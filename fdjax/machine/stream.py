@@ -6,17 +6,21 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from fdjax.errors import InputError, StreamError
+from fdjax.formats import profile
+from fdjax.formats.profile import Machine
 from fdjax.machine import connect
 from fdjax.machine.control import Commands, commands_of
 from fdjax.machine.gcode_state import GcodeState
 from fdjax.machine.moves import Position
-from fdjax.machine.ports import AbstractPort, PortLost
+from fdjax.machine.ports import AbstractPort, PortLost, open_port
 from fdjax.machine.program import Command, Program, State
-from fdjax.machine.protocols import AbstractProtocol
+from fdjax.machine.protocols import AbstractProtocol, protocol
 from fdjax.machine.protocols.base import Entry, position
 from fdjax.machine.resume import Point
+from fdjax.machine.survey import survey
 
 TICK = 0.1
 """Seconds after which controls are looked at, at the latest."""
@@ -61,7 +65,7 @@ class Stream:
         self,
         program: Program,
         port: AbstractPort,
-        protocol: AbstractProtocol,
+        speaks: AbstractProtocol,
         *,
         starts: Sequence[int] = (),
         on_event: Listener = lambda event: None,
@@ -69,7 +73,7 @@ class Stream:
     ) -> None:
         self.program = program
         self.port = port
-        self.protocol = protocol
+        self.protocol = speaks
         self.state = program.state()
         self._after = 0  # the last line of the file that is not sent
         self._aside: State = program.state()  # while lines are sent that are not the file's
@@ -87,7 +91,35 @@ class Stream:
         self._sent = self._told = 0
         self._told_layer = 0
         self._polled = 0.0
-        self._control: Commands = commands_of(protocol.firmware)
+        self._control: Commands = commands_of(speaks.firmware)
+
+    @classmethod
+    def open(
+        cls,
+        path: str | Path,
+        machine: Machine | str | Path,
+        port: str,
+        *,
+        on_event: Listener = lambda event: None,
+    ) -> "Stream":
+        """A stream of a file through the port of a name, as `/dev/ttyUSB0` or `virtual:marlin`.
+
+        `machine` is a profile, its name or its path. The whole file is checked first. Raises
+        `InputError` for a file that must not be sent, and for a port that cannot be used.
+        """
+        if not isinstance(machine, Machine):
+            machine = profile.load(machine)
+        program = Program(Path(path), machine)
+        found = survey(program)
+        found.refuse(program.path)
+        line = open_port(port, machine)
+        firmware = machine.stream.firmware
+        if firmware == "auto":
+            firmware = connect.recognise(line)
+        starts = [layer.line for layer in found.layers]
+        return cls(
+            program, line, protocol(firmware, machine.stream), starts=starts, on_event=on_event
+        )
 
     # What other threads may call.
 
@@ -227,12 +259,12 @@ class Stream:
 
     def _exchange(self, on_position: Callable[[str], object] = lambda text: None) -> bytes:
         """Write what there is, read what comes, and do what is due; what came."""
-        protocol, port = self.protocol, self.port
+        speaks, port = self.protocol, self.port
         try:
             now = port.now()
-            protocol.tick(now)
+            speaks.tick(now)
             self._flush()
-            wait = min(max(protocol.deadline - now, 0.0), TICK)
+            wait = min(max(speaks.deadline - now, 0.0), TICK)
             # With room for more lines there is no reason to wait.
             data = port.read(0.0 if self._could_send() else wait)
         except PortLost as lost:
@@ -241,7 +273,7 @@ class Stream:
         now = port.now()
         if data:
             self._log(now, "<", data)
-            protocol.feed(data, now)
+            speaks.feed(data, now)
         self._report(on_position)
         return data
 

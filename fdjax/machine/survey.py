@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
+from pathlib import Path
 
 from fdjax.errors import InputError
 from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Finding, Findings
@@ -65,6 +66,13 @@ class Survey:
     def errors(self) -> tuple[Finding, ...]:
         """The findings that forbid sending."""
         return tuple(finding for finding in self.findings if finding.severity == "error")
+
+    def refuse(self, path: Path) -> None:
+        """Raise `InputError` for a file that must not be sent."""
+        if self.errors:
+            more = len(self.errors) - 1
+            first = str(self.errors[0]).removeprefix("error: ")
+            raise InputError(f"{path}: {first}" + (f"; and {more} more" if more else ""))
 
     def layer_of(self, line: int) -> int:
         """The layer that a file line lies in, from 1; 0 before the first."""
