@@ -8,6 +8,9 @@ from types import FrameType
 from fdjax.machine.stream import Event, Stream
 from fdjax.machine.survey import Survey
 
+# A closed terminal ends a print as safely as Ctrl-C does; Windows has no such signal.
+_SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]
+
 
 def clock(seconds: float) -> str:
     """A duration for people."""
@@ -25,15 +28,14 @@ class Controls:
         self._typed = not unattended and sys.stdin.isatty()
 
     def __enter__(self) -> None:
-        self._before = signal.signal(signal.SIGINT, self._interrupt)
-        self._term = signal.signal(signal.SIGTERM, self._interrupt)
+        self._before = {number: signal.signal(number, self._interrupt) for number in _SIGNALS}
         if self._typed:
             print("p: pause, r: resume, a: abort, !: emergency stop (each with Enter)")
             threading.Thread(target=self._listen, daemon=True).start()
 
     def __exit__(self, *_: object) -> None:
-        signal.signal(signal.SIGINT, self._before)
-        signal.signal(signal.SIGTERM, self._term)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def _interrupt(self, number: int, frame: FrameType | None) -> None:
         self._interrupts += 1

@@ -203,6 +203,9 @@ class Stream:
                 self._exchange()
         except StreamError as error:
             self._fail(error)
+        except BaseException:
+            self._turn_off()
+            raise
         if self._aborting:
             self._fail(StreamError("aborted: motion has stopped, heaters and flow are off"))
         self._tell("done", "the file has been run")
@@ -370,11 +373,15 @@ class Stream:
     def _fail(self, error: StreamError) -> None:
         """Turn off what can be turned off, and say where the stream ended."""
         line, sent = (self.protocol.proven_line or self._after) + 1, self._sent
-        with contextlib.suppress(PortLost):
-            self._say(self._control.off)
+        self._turn_off()
         raise StreamError(
             f"{self.program.path.name}, line {line}: {error}; lines before it were run, "
             f"nothing after line {sent} was sent",
             line=line,
             sent=sent,
         ) from None
+
+    def _turn_off(self) -> None:
+        """No heater or flow stays on for want of a sender."""
+        with contextlib.suppress(PortLost):
+            self._say(self._control.off)

@@ -149,3 +149,14 @@ def test_events_tell_lines_layers_temperatures_and_the_end(tmp_path):
     assert events[-1].kind == "done"
     lines = [event.line for event in events]
     assert lines == sorted(lines)
+
+
+def test_heaters_go_off_whatever_ends_the_stream(tmp_path):
+    def on_event(event):
+        if event.line >= 150:
+            raise RuntimeError("a listener fails")
+
+    run = stream(gcode(tmp_path / "job.gcode", 300), "marlin", listen={"on_event": on_event})
+    with pytest.raises(RuntimeError, match="a listener fails"):
+        run.stream.run()
+    assert all(heater.target == 0 for heater in run.machine.heaters.values())
