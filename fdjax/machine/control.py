@@ -17,12 +17,12 @@ class Commands(ABC):
     """What a kind of firmware takes.
 
     - `asks_heat`: whether M105 asks for temperatures. `ends_at_once`: whether `interrupt` ends all.
-    - `stop`: bytes of an emergency stop; `off`: bytes that turn heaters or flow off, to be sent
+    - `stop`: lines of an emergency stop; `off`: lines that turn heaters or flow off, to be sent
       when nothing else can be said any more.
     """
 
-    stop: bytes
-    off: bytes
+    stop: tuple[str, ...]
+    off: tuple[str, ...]
     asks_heat = True
     ends_at_once = False
 
@@ -46,8 +46,8 @@ class Commands(ABC):
 class _Gcode(Commands):
     """Printers that take G-code."""
 
-    stop = b"\nM112\n"
-    off = b"\nM104 S0\nM140 S0\nM107\n"
+    stop = ("M112",)
+    off = ("M104 S0", "M140 S0", "M107")
 
     def park(self, state: State, machine: Machine) -> list[str]:
         assert isinstance(state, GcodeState)
@@ -74,7 +74,7 @@ class _Gcode(Commands):
         ]
 
     def end(self, state: State) -> list[str]:
-        lines = ["M104 S0", "M140 S0", "M107"]
+        lines = [*self.off]
         if isinstance(state, GcodeState):
             lines += ["M83", "G1 E-2 F1800", "G91", "G1 Z5 F600", "G90"]
         return [*lines, "M84"]
@@ -101,8 +101,8 @@ def modes(state: GcodeState) -> list[str]:
 class _Grbl(Commands):
     """grbl: holds and resets in real time."""
 
-    stop = b"\x18"
-    off = b"M5\n"
+    stop = ("\x18",)
+    off = ("M5",)
     asks_heat = False
     ends_at_once = True
 
@@ -123,8 +123,8 @@ class _Grbl(Commands):
 class _Sml(Commands):
     """SML: it can be held between roads; no public source tells how to break off a motion."""
 
-    stop = b"PD;MM;CD0;\r\n"
-    off = b"PD;MM;CD0;\r\n"
+    stop = ("PD;MM;CD0;",)
+    off = ("PD;MM;CD0;",)
     asks_heat = False
 
     def park(self, state: State, machine: Machine) -> list[str]:

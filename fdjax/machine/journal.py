@@ -36,14 +36,14 @@ class Journal:
     def __init__(self, path: Path, job: Job) -> None:
         head = json.dumps(asdict(job)).encode() + b"\n"
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o644)
+            self._file = path.open("wb", buffering=0)
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         self._at = len(head)
         self._count = 0
         self._synced = 0.0
         self._layer = 0
-        os.pwrite(self._file, head, 0)
+        self._file.write(head)
         self.reached(0, 0, 0.0)
 
     def reached(self, line: int, layer: int, now: float) -> None:
@@ -51,15 +51,16 @@ class Journal:
         self._count += 1
         body = f"{self._count} {line} {layer}"
         slot = f"{body} {zlib.crc32(body.encode()):08x}".ljust(_SLOT - 1) + "\n"
-        os.pwrite(self._file, slot.encode(), self._at + _SLOT * (self._count % 2))
+        self._file.seek(self._at + _SLOT * (self._count % 2))
+        self._file.write(slot.encode())
         if layer != self._layer or now - self._synced >= _SYNC:
-            os.fsync(self._file)
+            os.fsync(self._file.fileno())
             self._synced, self._layer = now, layer
 
     def close(self) -> None:
         """The end, reached or not; the file stays."""
-        os.fsync(self._file)
-        os.close(self._file)
+        os.fsync(self._file.fileno())
+        self._file.close()
 
 
 def path_of(program: Program) -> Path:

@@ -333,7 +333,7 @@ class Stream:
             self._orders.clear()
         for order in orders:
             if order == "stop":
-                self._say(self._control.stop)
+                self._say_bare(self._control.stop)
                 raise self.protocol.stopped("emergency stop: reset the machine before all else")
             if order == "abort" and not self._aborting:
                 self._begin_abort()
@@ -362,6 +362,10 @@ class Stream:
             raise self.protocol.stopped("aborted: motion has stopped, heaters and flow are off")
         self._extra.extend(self._control.end(self.state))
 
+    def _say_bare(self, lines: tuple[str, ...]) -> None:
+        # What was begun before ends first.
+        self._say(b"\n" + b"".join(self.protocol.bare(line) for line in lines))
+
     def _say(self, data: bytes) -> None:
         """Write at once, before and beside all lines."""
         self._flush()
@@ -384,4 +388,4 @@ class Stream:
     def _turn_off(self) -> None:
         """No heater or flow stays on for want of a sender."""
         with contextlib.suppress(PortLost):
-            self._say(self._control.off)
+            self._say_bare(self._control.off)

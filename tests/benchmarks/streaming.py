@@ -2,7 +2,7 @@
 
     python tests/benchmarks/streaming.py [--lines 200000] [--long 5000000]
 
-Lines a second of a stream in ping-pong and with windows, each protocol; then one long file, in
+Lines a second of a stream in ping-pong and with windows; then one long file, in
 a process of its own, with the largest memory that it took.
 """
 

@@ -20,7 +20,8 @@ STRATASYS = profile.load("stratasys-fdm1650")
 
 _OWN = ("M105", "M110", "M114", "M115", "M575")
 """What senders say of their own accord."""
-_OFF = ("M104 S0", "M140 S0", "M107", "M5", "PD;", "MM;", "CD0;")
+_OFF = ("M104", "M140", "M107", "M5", "PD;", "MM;", "CD0;")
+"""What they say at the end of a print that failed."""
 
 
 def gcode(path: Path, lines: int, seed: int = 0, *, extruder: bool = True) -> Program:
@@ -96,7 +97,7 @@ class Run:
         texts = [text for text, _ in wanted]
         if self.error is None:
             return "whole" if ran == texts else "not the file"
-        while ran and ran[-1] in _OFF and ran != texts[: len(ran)]:
+        while ran and ran[-1].startswith(_OFF) and ran != texts[: len(ran)]:
             ran.pop()
         if ran != texts[: len(ran)]:
             return "not the beginning of the file"

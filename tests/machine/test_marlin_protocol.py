@@ -69,6 +69,18 @@ def test_greeting_resets_the_numbers_and_proves_that_they_hold():
     assert talk.protocol.facts["Cap:EMERGENCY_PARSER"] == "1"
 
 
+def test_a_board_that_resets_at_opening_is_greeted_again():
+    talk = Talk(ready=False)
+    talk.hear("ok")
+    assert talk.sent() == [framed(1, "M115")]
+    talk.hear("start")
+    assert talk.sent() == [framed(0, "M110 N0")]
+    talk.hear("ok")
+    assert talk.sent() == [framed(1, "M115")]
+    talk.hear("FIRMWARE_NAME:Marlin 2.1", "ok")
+    assert talk.push("G1 X1") == [framed(2, "G1 X1")]
+
+
 def test_a_lost_ok_is_asked_for_and_not_waited_for():
     talk = Talk()
     assert talk.push("G1 X1") == [framed(2, "G1 X1")]
@@ -198,6 +210,28 @@ def test_the_end_is_proven():
     talk.hear("Error:Line Number is not Last Line Number+1, Last Line: 2", "Resend: 3", "ok")
     talk.wait(0.2)
     assert talk.protocol.finished
+
+
+def test_the_end_is_proven_to_kin_that_name_no_last_line():
+    talk = Talk()
+    talk.push("G1 X1")
+    talk.hear("ok")
+    for _ in range(2):
+        talk.protocol.finish(talk.now)
+        assert talk.sent() == [framed(2, "G1 X1")]
+        assert not talk.protocol.finished
+        talk.hear("Error: expected line 3 got 2", "Resend:3")
+        talk.wait(0.2)
+    assert talk.protocol.finished
+
+
+def test_a_reboot_of_such_kin_ends_the_stream():
+    talk = Talk()
+    talk.push("G1 X1")
+    talk.hear("Error: expected line 1 got 2", "Resend:1")
+    assert talk.wait(0.2) == [framed(2, "G1 X1")]
+    with pytest.raises(StreamError, match="rebooted"):
+        talk.hear("Error: expected line 1 got 2", "Resend:1")
 
 
 @pytest.mark.parametrize(

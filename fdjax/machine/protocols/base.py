@@ -165,6 +165,10 @@ class AbstractProtocol(ABC):
             self.overdue(now)
             self._wait(now)
 
+    def bare(self, text: str) -> bytes:
+        """A line that is sent beside all others, whatever became of them."""
+        return f"{text}\n".encode()
+
     # What a protocol does.
 
     @abstractmethod

@@ -2,7 +2,7 @@
 
 Sources: the serial protocol of Marlin 2 (M110, Resend, busy, ADVANCED_OK) and its command queue.
 
-A `Resend` is a hint: what the machine takes next proves it. Lines stay at hand after they are
+A `Resend` is a hint, and proof where its error names the last line too, or where it comes again. Lines stay at hand after they are
 acknowledged, so that a made-up `ok` can be taken back; and the last line of all is sent twice, for
 the machine to refuse it and so to prove that it has everything.
 """
@@ -21,7 +21,9 @@ from fdjax.machine.protocols.base import (
 )
 
 BUFFER = 127
-"""Bytes that the machine's serial buffer holds."""
+"""Bytes that the machine's serial buffer holds, as a rule."""
+GROWTH = 1 / 64
+"""Bytes by which each line that arrives well lets more be in flight, after faults let less."""
 QUIET = 0.1
 """Seconds of silence after which a flood of errors is over."""
 
@@ -50,9 +52,11 @@ class MarlinProtocol(AbstractProtocol):
         self._in_flight = 0  # so many of the pending lines have been sent
         self._bytes = 0  # of the lines in flight
         self._kept: deque[Entry] = deque(maxlen=_KEPT)  # acknowledged, the last one last
-        self._slots = 1  # lines that may be in flight
+        self._slots = 1  # lines that may be in flight, and bytes of them
+        self._most = float(BUFFER)
         self._goal: tuple[int, bool] | None = None  # number asked for, and whether that is proof
         self._last: int | None = None  # of the error before a Resend
+        self._hint: int | None = None  # what was asked for the time before
         self._cut = False  # that error said that a line came without its end
         self._resends = 0
         self._furthest = 0
@@ -69,7 +73,7 @@ class MarlinProtocol(AbstractProtocol):
     def room(self, text: str) -> bool:
         if not self.ready or self._recovering or self._in_flight < len(self.pending):
             return False
-        fits = self._bytes + len(text) + 16 <= BUFFER
+        fits = self._bytes + len(text) + 16 <= self._most
         return not self.pending or (fits and len(self.pending) < self._slots)
 
     @property
@@ -125,8 +129,11 @@ class MarlinProtocol(AbstractProtocol):
             last, self._last = self._last, None
             self._asked_for(int(found[1]), last, now)
         elif text == "start":
-            if self.proven or self.pending:
+            if self.proven:
                 raise self.stopped("the machine says `start`: it has rebooted")
+            # It reset when the port was opened, and took its time.
+            self.ready, self._in_flight, self.pushed = False, 0, 0
+            self.pending.clear()
             self.open(now)
         elif "busy" in text or "paused for user" in text or text.startswith(("T:", "B:")):
             self._note("busy" if "T:" not in text else "temperature", text)
@@ -185,6 +192,7 @@ class MarlinProtocol(AbstractProtocol):
             self._bytes = max(0, self._bytes - len(self._frame(self._number, entry)))
             self._kept.append(entry)
         self._in_flight = max(0, self._in_flight - count)
+        self._most = min(self._most + GROWTH * count, BUFFER)
         tried = self._tried
         self._done(count, now)
         if self.acknowledged > self._furthest:
@@ -200,7 +208,7 @@ class MarlinProtocol(AbstractProtocol):
 
     def _asked_for(self, number: int, last: int | None, now: float) -> None:
         """Wait until it is quiet, for one fault brings many of these; then see what it can mean."""
-        proof = last == number - 1
+        proof = last == number - 1 if last is not None else number == self._hint
         if last is not None and not proof:
             number = -1  # one of the two numbers is damaged
         if proof and self.proven > 0 and number <= self._proven_number:
@@ -221,8 +229,10 @@ class MarlinProtocol(AbstractProtocol):
             self.open(now)
         elif self._goal is not None:
             (number, proof), self._goal = self._goal, None
+            self._hint = number
             self._tried -= 1  # silence was wanted
             self._resends += 1
+            self._most /= 2  # its buffer may be smaller, or the line bad
             if self._resends > _MOST_RESENDS:
                 raise self.stopped("the machine asks for lines again and again")
             self._go_to(number, proof, now)

@@ -151,28 +151,32 @@ class AbstractQuerying(AbstractProtocol):
             self._deadline = now + QUIET
 
     def _judge(self, now: float) -> None:
-        """What the reported position says of the line on its way, or of all before.
+        """What the reported position says of the line on its way, and of all before.
 
         A report may be damaged: bad news must come twice, and so must what a choice hangs on.
         """
         places = self._places or []
         place, sure = places[-1], len(places) > 1 and same(places[-1], places[-2], 0.0)
-        as_expected = not self.pending and same(place, self._expected, self.resolution)
-        if not sure and not as_expected and (self.loses or not self.pending):
+        as_expected = same(place, self._expected, self.resolution)
+        if not sure and (not as_expected or (self.loses and self.pending)):
             self._ask(now)
             return
         self._places = None
-        if not self.pending:
+        if not self.pending or not self.loses:
             if not as_expected:
                 raise self.stopped(f"the machine is at {_text(place)}, not {_text(self._expected)}")
+            self._done(len(self.pending), now)
             self._prove()
             return
         entry = self.pending[0]
         moves = not same(entry.before, entry.after, 2 * self.resolution)
-        if not self.loses or (moves and same(place, entry.after, self.resolution)):
+        before = same(place, entry.before, self.resolution)
+        if not as_expected and not before:
+            raise self.stopped(f"the machine is at {_text(place)}, not {_text(self._expected)}")
+        if moves and as_expected:
             self._done(1, now)
             self._prove()
-        elif entry.repeatable or (moves and same(place, entry.before, self.resolution)):
+        elif moves or entry.repeatable:
             self._send(entry)
             self._wait(now)
         else:

@@ -34,6 +34,9 @@ class RrfProtocol(AbstractQuerying):
         body = f"N{self._number} {text}"
         return f"{body}*{checksum(body)}\n".encode("ascii", "replace")
 
+    def bare(self, text: str) -> bytes:
+        return self._framed(text)
+
     def _greet(self, now: float) -> None:
         # Lines without a checksum are dropped from now on; twice, as one may come without its own.
         self.out.extend(2 * self._framed(_CHECKED))

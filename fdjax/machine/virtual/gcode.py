@@ -13,6 +13,7 @@ _HEATING = {"T": 2.0, "B": 0.5}
 COLDEST = 170.0
 """Below it the nozzle pushes nothing."""
 _WAITS = frozenset({"M109", "M190", "G28", "G4", "M400"})
+_MOVES = ("G0", "G1", "G2", "G3")
 _KNOWN = frozenset(
     f"{letter}{number}"
     for letter, numbers in (
@@ -118,8 +119,17 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         if name not in _KNOWN:
             self._refuse(text)
             return self.now
+        if name in _MOVES and not self.state.homed.issuperset(words.keys() & set("XYZ")):
+            refusal = self._refuse_unhomed()
+            if refusal:
+                self.say(refusal)
+                return self.now
         self.ran(text)
         return self._run(name, words, text)
+
+    def _refuse_unhomed(self) -> str:
+        """What is said to a move of axes that have not been homed; nothing where it is made."""
+        return ""
 
     def _refuse(self, text: str) -> None:
         self.say(f'echo:Unknown command: "{text}"')

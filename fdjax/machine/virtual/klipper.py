@@ -57,6 +57,9 @@ class VirtualKlipper(AbstractGcodeMachine):
                 return ()
         return super()._limited(moves)
 
+    def _refuse_unhomed(self) -> str:
+        return "!! Must home axis first"
+
     def _refuse(self, text: str) -> None:
         self.say(f'// Unknown command:"{text.split()[0]}"')
 

@@ -54,6 +54,9 @@ class VirtualRepRapFirmware(AbstractGcodeMachine):
             return self.now
         return super()._run(name, words, text)
 
+    def _refuse_unhomed(self) -> str:
+        return "Error: G0/G1: insufficient axes homed"
+
     def _refuse(self, text: str) -> None:
         self.say(f"Error: Bad command: {text}")
 
