@@ -3,7 +3,7 @@
 Sources: the serial protocol of Marlin 2 (M110, Resend, busy, ADVANCED_OK) and its command queue.
 
 A `Resend` is a hint; it is proof where its error names the last line too, or where it comes again.
-Lines stay at hand after they are acknowledged, so that a made-up `ok` can be taken back; and the last
+Lines stay at hand after they are acknowledged, so that a made-up `ok` can be taken back. The last
 line of all is sent twice, for the machine to refuse it and so to prove that it has everything.
 """
 
