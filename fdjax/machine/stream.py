@@ -203,6 +203,8 @@ class Stream:
                 self._exchange()
         except StreamError as error:
             self._fail(error)
+        except PortLost as lost:
+            self._fail(StreamError(str(lost)))
         except BaseException:
             self._turn_off()
             raise
@@ -222,7 +224,8 @@ class Stream:
         asks = self._control.asks_heat and now - self._polled >= POLL and not self._extra
         if asks and self.protocol.room("M105"):
             self._polled = now
-            self._push("M105", 0, now)
+            here = (self._aside if self._paused else self.state).position
+            self.protocol.push(Entry("M105", 0, 0.0, here, here, repeatable=True), now)
         while True:
             text, line = self._peek()
             if text is None or not self.protocol.room(text):

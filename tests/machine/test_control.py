@@ -160,3 +160,22 @@ def test_heaters_go_off_whatever_ends_the_stream(tmp_path):
     with pytest.raises(RuntimeError, match="a listener fails"):
         run.stream.run()
     assert all(heater.target == 0 for heater in run.machine.heaters.values())
+
+
+@pytest.mark.parametrize("machine", ["marlin", "klipper", "rrf"])
+def test_temperatures_asked_for_after_a_pause_do_no_harm(tmp_path, machine):
+    begin, events = at_line(("pause", "resume"), 100)
+    run = begin(program(tmp_path, machine, 400), machine, pace=0.2)
+    run.stream.run()
+    assert sum(event.kind == "temperature" for event in events) > 3
+
+
+def test_nobody_waits_for_ever(tmp_path):
+    run = stream(
+        gcode(tmp_path / "job.gcode", 300),
+        "marlin",
+        port={"accident": (150, "stall"), "seconds": 1e9},
+    )
+    with pytest.raises(StreamError, match="no answer"):
+        run.stream.run()
+    assert run.port.now() < 600

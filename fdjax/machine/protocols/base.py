@@ -186,10 +186,10 @@ class AbstractProtocol(ABC):
     # What protocols use.
 
     def _wait(self, now: float, seconds: float | None = None) -> None:
-        """Be patient from now on."""
+        """Be patient from now on: for as long as the lines may take, once that is over for less."""
         if seconds is None:
             slow = sum(entry.seconds for entry in self.pending) + sum(self._recent)
-            seconds = self.patience + 2 * slow
+            seconds = self.patience + (0 if self._tried else 2 * slow)
         self._deadline = now + seconds
 
     def _done(self, count: int, now: float) -> None:
