@@ -29,7 +29,9 @@ from fdjax.grid.transfer import (
     restricted_residual,
 )
 
-_SWEEPS_AT_THE_BOTTOM = 1
+_COARSEST = 17
+_MOST_LATTICES = 6
+"""Coarser and more lattices bring nothing but time to compile: sweeps solve the last one."""
 _SWEEPS_TO_START = 20
 
 
@@ -37,9 +39,10 @@ def _shape(u: Plane) -> tuple[int, int]:
     return u.shape[0], u.shape[1]
 
 
-def _depth(shape: tuple[int, int]) -> int:
+def _depth(shape: tuple[int, int], most: int = _MOST_LATTICES) -> int:
     coarse = coarser(shape[0]), coarser(shape[1])
-    return 1 if coarse == shape else 1 + _depth(coarse)
+    last = most == 1 or max(shape) <= _COARSEST or coarse == shape
+    return 1 if last else 1 + _depth(coarse, most - 1)
 
 
 def hierarchy(equations: GridEquations) -> list[GridEquations]:
@@ -73,7 +76,8 @@ def cycles(
     """
     operator, *rest = levels
     if not rest:
-        sweeps = jnp.where(fresh, _SWEEPS_TO_START, _SWEEPS_AT_THE_BOTTOM)
+        enough = max(_shape(u[0])) ** 2 // 33
+        sweeps = jnp.where(fresh, max(_SWEEPS_TO_START, enough), enough)
         return jax.lax.fori_loop(
             0, sweeps, lambda _, u: operator.relaxed(operator.relaxed(u, f, 0), f, 1), u
         )
