@@ -212,8 +212,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--baud", type=int, metavar="N", help="instead of what the profile says")
     add("--dry-run", action="store_true", help="check and sum up; send nothing")
     add("--yes", action="store_true", help="begin without asking, and take no keys")
-    add("--resume", action="store_true", help="go on with a print that broke off")
-    add("--layer", type=int, metavar="N", help="go on at the beginning of this layer")
+    where = send.add_mutually_exclusive_group()
+    where.add_argument("--resume", action="store_true", help="go on with a print that broke off")
+    where.add_argument(
+        "--layer", type=int, metavar="N", help="go on at the beginning of this layer"
+    )
     add("--kept-power", action="store_true", help="the machine still knows where it is")
     add("--log", type=Path, metavar="FILE", help="every byte, with its time (default FILE.log)")
     add("--printed", type=Path, metavar="FILE", help="save what a virtual machine laid down")

@@ -87,7 +87,10 @@ class Progress:
 
     def _print(self, text: str, end: str) -> None:
         start = "\r\x1b[K" if self._in_place else ""
-        print(start + text, end=end, file=sys.stderr, flush=True)
+        try:
+            print(start + text, end=end, file=sys.stderr, flush=True)
+        except OSError:  # the terminal was closed; the print goes on, or is aborted by its signal
+            self._quiet = True
 
     def _line(self, event: Event) -> str:
         left = 0.0 if event.kind == "done" else self._left(event.line, event.layer)

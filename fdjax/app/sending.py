@@ -1,5 +1,6 @@
 """`fdjax send`: check a file, show what it will do, stream it, and remember how far it came."""
 
+import contextlib
 import dataclasses
 import sys
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from fdjax.machine.journal import read as read_journal
 from fdjax.machine.ports import AbstractPort
 from fdjax.machine.program import Program
 from fdjax.machine.protocols import protocol
-from fdjax.machine.resume import Point
+from fdjax.machine.resume import Point, Standing
 from fdjax.machine.stream import Event, Stream
 from fdjax.machine.survey import Survey, survey
 
@@ -46,6 +47,7 @@ def send(request: Request) -> None:
     Raises `InputError` before anything was sent, `StreamError` after.
     """
     machine = _machine(request)
+    _keep_apart(request)
     program = Program(request.file, machine)
     found = _survey(program, request.quiet)
     _say(summary(program, found), request.quiet)
@@ -91,12 +93,27 @@ def send(request: Request) -> None:
         port.close()
 
 
+def _keep_apart(request: Request) -> None:
+    """The file is read while others are written: none of them may be another."""
+    used = [request.file, request.file.with_name(f"{request.file.name}.journal")]
+    for name, path in (("--log", request.log), ("--printed", request.printed)):
+        if path is None:
+            continue
+        if path.absolute().resolve() in [other.absolute().resolve() for other in used]:
+            raise InputError(f"{name} {path}: is in use; name another file")
+        if path.is_dir() or not path.absolute().parent.is_dir():
+            raise InputError(f"{name} {path}: cannot be written")
+        used.append(path)
+
+
 def _machine(request: Request) -> Machine:
     machine = profile.load(request.machine)
     settings = machine.stream
     if request.firmware is not None:
         settings = dataclasses.replace(settings, firmware=request.firmware)
     if request.baud is not None:
+        if not 300 <= request.baud <= 4_000_000:
+            raise InputError(f"--baud: {request.baud}; 300 to 4000000 can be")
         settings = dataclasses.replace(settings, baud=request.baud)
     return dataclasses.replace(machine, stream=settings)
 
@@ -152,11 +169,19 @@ def _keep_print(request: Request, program: Program, port: AbstractPort) -> None:
 
 
 def _reached(program: Program, digest: str, request: Request) -> int | None:
-    """The line that a print had reached, from its journal; None where a layer is named instead."""
-    if request.layer is not None:
-        return None
-    job, line, layer = read_journal(journal_of(program))
+    """The line that a print had reached, from its journal; None where there is none to be had.
+
+    A named layer does without, but the journal still tells at which height the nozzle stopped.
+    """
+    try:
+        job, line, layer = read_journal(journal_of(program))
+    except InputError:
+        if request.layer is not None:
+            return None
+        raise
     if job.digest != digest:
+        if request.layer is not None:
+            return None
         raise InputError(
             f"{program.path}: has changed since the print broke off; "
             "send the file of then, or name the layer with --layer"
@@ -170,23 +195,28 @@ def _go_on(
 ) -> Point:
     """Point the stream to where to go on, by where the machine says that it is."""
     place = stream.ask_position()
-    if reached is None:
-        point, kept = resume.at_layer(program, starts, request.layer or 0), request.kept_power
+    points = None if reached is None else resume.Points(program, starts, reached)
+    here = None if points is None else points.at(place)
+    stands = Standing.HERE if request.kept_power else resume.standing(place, here)
+    if request.layer is not None:
+        point = resume.at_layer(program, starts, request.layer)
+    elif points is None:
+        raise AssertionError("a line or a layer is given")
     else:
-        points = resume.Points(program, starts, reached)
-        here = points.at(place)
-        kept = request.kept_power or here is not None
-        point = here or (points.kept if kept else points.lost)
-    how = "kept" if kept else "lost"
-    text = f"the machine has {how} its position; going on in layer {point.layer}, "
-    text += f"after line {point.line}"
-    if not kept:
+        point = here or (points.lost if stands is Standing.LOST else points.kept)
+    height = points.lowest if points is not None else point.state.on_bed[2]
+    text = f"the machine {stands.value}; going on in layer {point.layer}, after line {point.line}"
+    if stands is Standing.LOST:
         text += (
-            f"\nthe nozzle is taken to stand where it stopped, at z = {point.state.on_bed[2]:.3f} "
-            "mm; X and Y will be homed, Z will not"
+            f"\nthe nozzle is taken to stand where it stopped, at z = {height:.3f} mm; X and Y "
+            "will be homed, Z will not"
         )
+    elif place is not None and place[2] is not None:
+        height = place[2]
     _say(text, request.quiet)
-    stream.go_on(point, resume.way_back(point, program.machine, kept=kept))
+    extruder = stream.protocol.firmware != "grbl"
+    back = resume.way_back(point, program.machine, stands, height=height, extruder=extruder)
+    stream.go_on(point, back)
     return point
 
 
@@ -196,8 +226,14 @@ def _confirm(request: Request, point: Point | None) -> None:
     if not sys.stdin.isatty():
         raise InputError("nobody to ask whether to begin; --yes says so beforehand")
     question = "Begin" if point is None else f"Go on in layer {point.layer}"
-    if input(f"{question}? [y/N] ").strip().lower() not in ("y", "yes"):
+    print(f"{question}? [y/N] ", end="", flush=True)
+    if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError("not begun")
+
+
+def _warn(text: str) -> None:
+    with contextlib.suppress(OSError):
+        print(f"fdjax: warning: {text}", file=sys.stderr)
 
 
 class _Records:
@@ -208,17 +244,21 @@ class _Records:
         self._job = Job(program.path.name, digest, program.machine.name, request.port or "")
         self._port = port
         self._journal: Journal | None = None
-        self.log = Log(request.log or program.path.with_name(f"{program.path.name}.log"))
+        path = request.log or program.path.with_name(f"{program.path.name}.log")
+        self.log = Log(path, more=request.resume or request.layer is not None, on_failure=_warn)
 
     def begin(self, point: Point | None) -> None:
         """From now on the journal is this print's."""
-        self._journal = Journal(self._path, self._job)
-        if point is not None:
-            self._journal.reached(point.line, point.layer, self._port.now())
+        line, layer = (0, 0) if point is None else (point.line, point.layer)
+        self._journal = Journal(self._path, self._job, line, layer)
 
     def take(self, event: Event) -> None:
         if self._journal is not None and event.kind in ("line", "layer"):
-            self._journal.reached(event.line, event.layer, self._port.now())
+            try:
+                self._journal.reached(event.line, event.layer, self._port.now())
+            except OSError as error:
+                _warn(f"the journal cannot be written ({error.strerror}); going on without")
+                self._journal = None
 
     def finished(self) -> None:
         """There is nothing to go on with any more."""

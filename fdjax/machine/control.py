@@ -17,12 +17,10 @@ class Commands(ABC):
     """What a kind of firmware takes.
 
     - `asks_heat`: whether M105 asks for temperatures. `ends_at_once`: whether `interrupt` ends all.
-    - `stop`: lines of an emergency stop; `off`: lines that turn heaters or flow off, to be sent
-      when nothing else can be said any more.
+    - `stop`: lines of an emergency stop.
     """
 
     stop: tuple[str, ...]
-    off: tuple[str, ...]
     asks_heat = True
     ends_at_once = False
 
@@ -35,8 +33,12 @@ class Commands(ABC):
         """Lines that heat again and bring back a state before `park`."""
 
     @abstractmethod
-    def end(self, state: State) -> list[str]:
-        """Lines that turn everything off."""
+    def off(self, machine: Machine) -> list[str]:
+        """Lines that turn heaters and flow off, also where nothing else can be said any more."""
+
+    @abstractmethod
+    def end(self, state: State, machine: Machine) -> list[str]:
+        """Lines that take the head off the part and turn everything off."""
 
     @abstractmethod
     def interrupt(self, facts: Mapping[str, str]) -> bytes:
@@ -47,7 +49,6 @@ class _Gcode(Commands):
     """Printers that take G-code."""
 
     stop = ("M112",)
-    off = ("M104 S0", "M140 S0", "M107")
 
     def park(self, state: State, machine: Machine) -> list[str]:
         assert isinstance(state, GcodeState)
@@ -73,11 +74,14 @@ class _Gcode(Commands):
             *modes(state),
         ]
 
-    def end(self, state: State) -> list[str]:
-        lines = [*self.off]
-        if isinstance(state, GcodeState):
-            lines += ["M83", "G1 E-2 F1800", "G91", "G1 Z5 F600", "G90"]
-        return [*lines, "M84"]
+    def off(self, machine: Machine) -> list[str]:
+        return [*heats(dict.fromkeys(range(_tools(machine)), 0.0), machine), "M140 S0", "M107"]
+
+    def end(self, state: State, machine: Machine) -> list[str]:
+        # The steppers stay on: the position is needed to go on with the print.
+        lift = ["G21", "M83", f"G1 E-{machine.stream.park_retract:g} F{_PUSH:g}"]
+        lift += ["G91", "G1 Z5 F600", "G90"]
+        return [*self.off(machine), *(lift if state.placed else [])]
 
     def interrupt(self, facts: Mapping[str, str]) -> bytes:
         if facts.get("Cap:EMERGENCY_PARSER") == "1":
@@ -85,15 +89,31 @@ class _Gcode(Commands):
         return b""
 
 
-def modes(state: GcodeState) -> list[str]:
-    """Lines that set units, modes, filament position, speed and fan as a state has them."""
+def _tools(machine: Machine) -> int:
+    return machine.gcode.tools if machine.gcode is not None else 1
+
+
+def heats(nozzles: Mapping[int, float], machine: Machine) -> list[str]:
+    """Lines that set temperatures of nozzles, by their tools, without waiting."""
+    if _tools(machine) == 1:
+        return [f"M104 S{heat:g}" for heat in nozzles.values()]
+    return [f"M104 T{tool} S{heat:g}" for tool, heat in nozzles.items()]
+
+
+def modes(state: GcodeState, *, extruder: bool = True) -> list[str]:
+    """Lines that set units, modes and speed as a state has them, and filament position and fan."""
     scale = state.scale
-    return [
+    plain = [
         "G20" if scale != 1 else "G21",
         "G90" if state.absolute else "G91",
+        *([f"G1 F{60 * state.speed / scale:g}"] if state.speed else []),
+    ]
+    if not extruder:
+        return plain
+    return [
+        *plain,
         "M83" if state.relative_e else "M82",
         f"G92 E{state.e / scale:.5f}",
-        *([f"G1 F{60 * state.speed / scale:g}"] if state.speed else []),
         f"M106 S{state.fan:g}" if state.fan else "M107",
     ]
 
@@ -102,7 +122,6 @@ class _Grbl(Commands):
     """grbl: holds and resets in real time."""
 
     stop = ("\x18",)
-    off = ("M5",)
     asks_heat = False
     ends_at_once = True
 
@@ -110,11 +129,15 @@ class _Grbl(Commands):
         return ["M5"]
 
     def unpark(self, state: State, machine: Machine) -> list[str]:
-        power = state.power if isinstance(state, GcodeState) else 0.0
-        return [f"M3 S{power:g}"] if power else []
+        assert isinstance(state, GcodeState)
+        power = state.power
+        return [f"{state.spindle} S{power:g}"] if power else []
 
-    def end(self, state: State) -> list[str]:
-        return []
+    def off(self, machine: Machine) -> list[str]:
+        return ["M5"]
+
+    def end(self, state: State, machine: Machine) -> list[str]:
+        return ["M5"]
 
     def interrupt(self, facts: Mapping[str, str]) -> bytes:
         return b"!\x18"
@@ -124,7 +147,6 @@ class _Sml(Commands):
     """SML: it can be held between roads; no public source tells how to break off a motion."""
 
     stop = ("PD;MM;CD0;",)
-    off = ("PD;MM;CD0;",)
     asks_heat = False
 
     def park(self, state: State, machine: Machine) -> list[str]:
@@ -133,7 +155,10 @@ class _Sml(Commands):
     def unpark(self, state: State, machine: Machine) -> list[str]:
         return []
 
-    def end(self, state: State) -> list[str]:
+    def off(self, machine: Machine) -> list[str]:
+        return ["PD;MM;CD0;"]
+
+    def end(self, state: State, machine: Machine) -> list[str]:
         closing = "EC;" if isinstance(state, SmlState) and state.path is not None else ""
         return [f"{closing}PD;MM;CD0;"]
 

@@ -77,8 +77,8 @@ class GcodeState:
       that are told for each mm that is meant.
     - `homed`: axes that have been homed. `nozzle`, `bed`: set temperatures of the tool in use and
       of the bed; `nozzles`: of all tools.
-    - `power`: spindle or laser power S while on, for machines without an extruder; such machines
-      deposit `power` x `area_per_power` mm^2.
+    - `power`: spindle or laser power S while on, `spindle`: the command that set it (M3, M4), for
+      machines without an extruder, which deposit `power` x `area_per_power` mm^2.
     - `unknown`: axes whose coordinate the machine may have set otherwise: since homing, a change of
       tool or a command of its own, until the file says where they are.
     """
@@ -102,6 +102,7 @@ class GcodeState:
     flow: float = 1.0
     motion: str = "G0"
     power: float = 0.0
+    spindle: str = "M3"
     area_per_power: float = 0.0
     unknown: frozenset[str] = frozenset("XYZE")
 
@@ -124,6 +125,11 @@ class GcodeState:
             return self.x, self.y, self.z, self.e
         x, y, z, e = (None if a in self.unknown else getattr(self, a.lower()) for a in "XYZE")
         return x, y, z, e
+
+    @property
+    def placed(self) -> bool:
+        """Whether it has been homed and then told where to be, so that it can leave and return."""
+        return self.homed.issuperset("XYZ") and not self.unknown & set("XYZ")
 
     @property
     def on_bed(self) -> Point:
@@ -295,8 +301,8 @@ class GcodeState:
     def _start_fan(self, words: Mapping[str, float]) -> None:
         self.fan = words.get("S", 255.0)
 
-    def _set_power(self, words: Mapping[str, float]) -> None:
-        self.power = words.get("S", self.power)
+    def _set_power(self, words: Mapping[str, float], spindle: str) -> None:
+        self.power, self.spindle = words.get("S", self.power), spindle
 
     def _set(self, **values: object) -> None:
         for name, value in values.items():
@@ -320,7 +326,7 @@ _SETTERS = {
     "M190": GcodeState._heat_bed,
     "M106": GcodeState._start_fan,
     "M107": lambda state, _: state._set(fan=0.0),
-    "M3": GcodeState._set_power,
-    "M4": GcodeState._set_power,
+    "M3": lambda state, words: state._set_power(words, "M3"),
+    "M4": lambda state, words: state._set_power(words, "M4"),
     "M5": lambda state, _: state._set(power=0.0),
 }

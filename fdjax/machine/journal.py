@@ -1,8 +1,10 @@
 """What survives a crash: how far a stream has come, and every byte that went either way."""
 
+import contextlib
 import json
 import os
 import zlib
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -33,33 +35,34 @@ class Journal:
     each layer and every second.
     """
 
-    def __init__(self, path: Path, job: Job) -> None:
+    def __init__(self, path: Path, job: Job, line: int = 0, layer: int = 0) -> None:
         head = json.dumps(asdict(job)).encode() + b"\n"
+        self._at = len(head)
+        self._count = 1
+        self._synced = 0.0
+        self._layer = layer
+        new = path.with_name(f"{path.name}.new")
         try:
-            self._file = path.open("wb", buffering=0)
+            # The journal of before is good until this one is whole.
+            new.write_bytes(head + b" " * _SLOT + _slot_of(1, line, layer))
+            os.replace(new, path)
+            self._file = path.open("r+b", buffering=0)
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None
-        self._at = len(head)
-        self._count = 0
-        self._synced = 0.0
-        self._layer = 0
-        self._file.write(head)
-        self.reached(0, 0, 0.0)
 
     def reached(self, line: int, layer: int, now: float) -> None:
         """The machine has acknowledged the file up to a line, which lies in a layer."""
         self._count += 1
-        body = f"{self._count} {line} {layer}"
-        slot = f"{body} {zlib.crc32(body.encode()):08x}".ljust(_SLOT - 1) + "\n"
         self._file.seek(self._at + _SLOT * (self._count % 2))
-        self._file.write(slot.encode())
+        self._file.write(_slot_of(self._count, line, layer))
         if layer != self._layer or now - self._synced >= _SYNC:
             os.fsync(self._file.fileno())
             self._synced, self._layer = now, layer
 
     def close(self) -> None:
         """The end, reached or not; the file stays."""
-        os.fsync(self._file.fileno())
+        with contextlib.suppress(OSError):
+            os.fsync(self._file.fileno())
         self._file.close()
 
 
@@ -96,6 +99,11 @@ def read(path: Path) -> tuple[Job, int, int]:
     return job, reached[1], reached[2]
 
 
+def _slot_of(count: int, line: int, layer: int) -> bytes:
+    body = f"{count} {line} {layer}"
+    return (f"{body} {zlib.crc32(body.encode()):08x}".ljust(_SLOT - 1) + "\n").encode()
+
+
 def _slot(data: bytes) -> tuple[int, int, int]:
     body, _, said = data.decode("ascii", "replace").strip().rpartition(" ")
     if said != f"{zlib.crc32(body.encode()):08x}":
@@ -107,25 +115,41 @@ def _slot(data: bytes) -> tuple[int, int, int]:
 class Log:
     """Every byte sent (>) and received (<), with its time in seconds, a line each.
 
-    Bytes are written as text with Python's escapes, so that they can be read back exactly.
+    Bytes are written as text with Python's escapes, so that they can be read back exactly. A disk
+    that is full ends the log, not the print: `on_failure` is told, once. `more` adds to a log.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        more: bool = False,
+        on_failure: Callable[[str], object] = lambda text: None,
+    ) -> None:
+        self._on_failure = on_failure
+        self._failed = False
         try:
-            self._file = path.open("w", encoding="ascii", buffering=1 << 16)
+            self._file = path.open("a" if more else "w", encoding="ascii", buffering=1 << 16)
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror})") from None
         self._flushed = 0.0
 
     def __call__(self, now: float, way: str, data: bytes) -> None:
+        if self._failed:
+            return
         text = data.decode("latin-1").encode("unicode_escape").decode("ascii")
-        self._file.write(f"{now:.6f} {way} {text}\n")
-        if now - self._flushed >= _SYNC:
-            self._file.flush()
-            self._flushed = now
+        try:
+            self._file.write(f"{now:.6f} {way} {text}\n")
+            if now - self._flushed >= _SYNC:
+                self._file.flush()
+                self._flushed = now
+        except OSError as error:
+            self._failed = True
+            self._on_failure(f"the log cannot be written ({error.strerror}); going on without")
 
     def close(self) -> None:
-        self._file.close()
+        with contextlib.suppress(OSError):
+            self._file.close()
 
 
 def read_log(path: Path) -> list[tuple[float, str, bytes]]:

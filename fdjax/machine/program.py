@@ -17,6 +17,8 @@ from fdjax.machine.sml_state import SmlState
 _PARENTHESES = re.compile(r"\([^)]*\)")
 _FRAME = re.compile(r"^\s*[Nn]\d+\s*|\s*\*\s*\d+\s*$")  # line number, checksum
 _LAYER = re.compile(r"\W*fdjax layer |;\s*(LAYER:|LAYER_CHANGE)")
+_LOOK = 256
+"""Lines after which the file is looked at again, whether it is the one that was checked."""
 _FACT = re.compile(r"\W*fdjax (\S+) = (.*)")
 
 
@@ -56,8 +58,20 @@ class Program:
                 head = file.read(4096)
         except OSError as error:
             raise InputError(f"{self.path}: cannot be read ({error.strerror})") from None
+        _ = self._stamp
         if b"\0" in head:
             raise InputError(f"{self.path}: the file is binary")
+
+    @cached_property
+    def _stamp(self) -> tuple[int, int]:
+        """Size and time of the file when it was first looked at."""
+        found = self.path.stat()
+        return found.st_size, found.st_mtime_ns
+
+    def _check(self) -> None:
+        found = self.path.stat()
+        if (found.st_size, found.st_mtime_ns) != self._stamp:
+            raise InputError(f"{self.path}: has changed since it was checked")
 
     @cached_property
     def language(self) -> str:
@@ -71,9 +85,14 @@ class Program:
         return GcodeState.of(self.machine)
 
     def lines(self) -> Iterator[tuple[int, str]]:
-        """Number and text of every line."""
+        """Number and text of every line. Raises `InputError` once the file has changed."""
+        self._check()
         with self.path.open(encoding="utf-8", errors="replace") as file:
-            yield from enumerate(file, 1)
+            for number, line in enumerate(file, 1):
+                if number % _LOOK == 0:
+                    self._check()
+                yield number, line
+        self._check()
 
     def commands(self, after: int = 0) -> Iterator[Command]:
         """What there is to send of the lines after one."""

@@ -3,10 +3,11 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
-from fdjax.machine.control import modes
+from fdjax.machine.control import heats, modes
 from fdjax.machine.gcode_state import GcodeState
 from fdjax.machine.moves import Position
 from fdjax.machine.program import Program, State
@@ -21,6 +22,14 @@ _LIFT = 10.0
 _RESOLUTION = 0.02
 
 
+class Standing(Enum):
+    """What a machine says of its position, against where the print broke off."""
+
+    HERE = "stands where the print broke off"
+    ELSEWHERE = "has kept its height, but not its place"
+    LOST = "has lost its position"
+
+
 @dataclass(frozen=True)
 class Point:
     """Where a print goes on: after a line of the file, in a layer, in a state."""
@@ -31,12 +40,15 @@ class Point:
 
 
 class Points:
-    """The places from which a print that reached a line can go on."""
+    """The places from which a print that reached a line can go on; none before it was homed.
+
+    Raises `InputError` where nothing had been laid down yet, or nothing is left.
+    """
 
     def __init__(self, program: Program, starts: Sequence[int], reached: int) -> None:
         self._before: deque[Point] = deque(maxlen=PLANNED + 1)  # the last one at `reached`
         self._after: list[Point] = []
-        state, layer, line = program.state(), 0, 0
+        state, layer, line, laid = program.state(), 0, 0, False
         for command in program.commands():
             if command.line > reached:
                 if not self._after:
@@ -46,12 +58,21 @@ class Points:
                 self._after.append(Point(line, layer, state.copy()))
             elif reached - command.line <= 4 * PLANNED:
                 self._before.append(Point(line, layer, state.copy()))
-            state.run(command.text)
+            moves = state.run(command.text)
+            if command.line <= reached:
+                laid = laid or any(move.volume > 0 for move in moves)
+                if any(sign in command.text.upper() for sign in _HOMING):
+                    self._before.clear()
             line = command.line
             while layer < len(starts) and starts[layer] <= line:
                 layer += 1
         if not self._after:
             raise InputError(f"{program.path}: nothing is left to send after line {reached}")
+        if not laid:
+            raise InputError(
+                f"{program.path}: nothing had been laid down by line {reached}; begin anew, "
+                "without --resume"
+            )
 
     def at(self, reported: Position | None) -> Point | None:
         """Where the machine stands, if it has kept its power and says so.
@@ -63,19 +84,27 @@ class Points:
         for point in (*self._after, *reversed(self._before)):
             position = point.state.position
             known = sum(value is not None for value in position)
-            if known == 4 and same(reported, position, _RESOLUTION):
+            if known == 4 and _may_begin(point.state) and same(reported, position, _RESOLUTION):
                 return point
         return None
 
     @property
     def kept(self) -> Point:
-        """Where a machine goes on that has kept its power but does not say where it is."""
+        """Where a machine goes on that has made all moves, but does not stand there any more."""
         return next(point for point in reversed(self._before) if _may_begin(point.state))
 
     @property
     def lost(self) -> Point:
         """Where it goes on if it lost its power, and with it the last moves that it had taken."""
         return next(point for point in self._before if _may_begin(point.state))
+
+    @property
+    def lowest(self) -> float:
+        """The least height at which it may have stopped, mm: taken for true, all errors lift."""
+        return min(point.state.on_bed[2] for point in (*self._before, *self._after))
+
+
+_HOMING = ("G28", "$H", "FH")
 
 
 def _may_begin(state: State) -> bool:
@@ -87,52 +116,64 @@ def at_layer(program: Program, starts: Sequence[int], layer: int) -> Point:
     """The point before a layer, counted from 1. Raises `InputError` for one that is not there."""
     if not 1 <= layer <= len(starts):
         raise InputError(f"layer {layer}: {program.path.name} has layers 1 to {len(starts)}")
-    return Point(starts[layer - 1] - 1, layer, _state_before(program, starts[layer - 1]))
-
-
-def _state_before(program: Program, line: int) -> State:
     state = program.state()
     for command in program.commands():
-        if command.line >= line:
+        if command.line >= starts[layer - 1]:
             break
         state.run(command.text)
-    return state
+    return Point(starts[layer - 1] - 1, layer, state)
 
 
-def way_back(point: Point, machine: Machine, *, kept: bool) -> list[str]:
+def standing(reported: Position | None, point: Point | None) -> Standing:
+    """What a report says, given the point that it was found to be, if any.
+
+    A machine that was switched on anew is at zero.
+    """
+    if point is not None:
+        return Standing.HERE
+    if reported is None or not any(reported[:3]):
+        return Standing.LOST
+    return Standing.ELSEWHERE
+
+
+def way_back(
+    point: Point, machine: Machine, stands: Standing, *, height: float, extruder: bool = True
+) -> list[str]:
     """Lines that bring the machine to a point, hot and in its modes.
 
-    Where it has `kept` its position there is no homing. Where it has not, the nozzle is taken to
-    stand at the height where the print broke off; it rises, and only X and Y are homed: Z never
-    is, as the part stands there.
+    `height` is that of the nozzle now, mm above the bed; where the position is lost it is taken for
+    true. The nozzle rises first. Only X and Y are homed, unless the machine stands where it should:
+    Z never is, as the part stands there. Raises `InputError` where that cannot be done.
     """
     state = point.state
     if isinstance(state, SmlState):
-        return _sml(state, kept)
+        return _sml(state, stands)
+    if not extruder and stands is Standing.LOST:
+        raise InputError("grbl: it finds home along all axes at once, so not beside a part")
     x, y, z = state.on_bed
-    high = min(z + _LIFT, machine.bed[2])
-    lines = ["G21", "G90", f"M140 S{state.bed:g}"]
-    lines += [f"T{state.tool}"] if state.tool else []
-    if not kept:
-        lines += [f"G92 Z{z:.3f}"]
-    shift = state.shift if kept else (0.0, 0.0, 0.0)
-    lines += [f"G1 Z{high - shift[2]:.3f} F600"]
-    if not kept:
-        lines += ["G28 X Y"]
-    if state.bed:
-        lines += [f"M190 S{state.bed:g}"]
+    lost, here = stands is Standing.LOST, stands is Standing.HERE
+    up = 0.0 if lost else state.shift[2]
+    aside = state.shift[:2] if here or not extruder else (0.0, 0.0)
+    high = min(max(z, height) + _LIFT, machine.bed[2])
+    lines = ["G21", "G90"]
+    if extruder:
+        lines += [f"M140 S{state.bed:g}", *heats(state.nozzles, machine)]
+        lines += [f"T{state.tool}"] if state.tool else []
+    lines += [f"G92 Z{height:.3f}"] if lost else []
+    lines += [f"G1 Z{high - up:.3f} F600"]
+    lines += ["G28 X Y"] if extruder and not here else []
+    lines += [f"M190 S{state.bed:g}"] if state.bed else []
     if state.nozzle:
         lines += [f"M109 S{state.nozzle:g}", "M83", f"G1 E{machine.stream.park_retract:g} F300"]
-    lines += [f"G1 X{x - shift[0]:.3f} Y{y - shift[1]:.3f} F6000", f"G1 Z{z - shift[2]:.3f} F600"]
-    if not kept and any(state.shift):
+    lines += [f"G1 X{x - aside[0]:.3f} Y{y - aside[1]:.3f} F6000", f"G1 Z{z - up:.3f} F600"]
+    if extruder and not here and any(state.shift):
         lines += [f"G92 X{state.x:.3f} Y{state.y:.3f} Z{state.z:.3f}"]
-    if state.power:
-        lines += [f"M3 S{state.power:g}"]
-    return lines + modes(state)
+    lines += [f"{state.spindle} S{state.power:g}"] if state.power else []
+    return lines + modes(state, extruder=extruder)
 
 
-def _sml(state: SmlState, kept: bool) -> list[str]:
-    if not kept:
+def _sml(state: SmlState, stands: Standing) -> list[str]:
+    if stands is Standing.LOST:
         raise InputError(
             "SML: no public source tells how this machine finds home with a part in it; a print "
             "can go on only while the machine has kept its power: say so with --kept-power"

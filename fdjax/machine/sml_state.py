@@ -59,6 +59,11 @@ class SmlState:
         return x, y, z, 0.0
 
     @property
+    def placed(self) -> bool:
+        """Whether it has been homed, so that it can leave and return."""
+        return self.homed
+
+    @property
     def on_bed(self) -> Point:
         return self.x * MICROSTEP, self.y * MICROSTEP, self.z * MICROSTEP
 

@@ -1,7 +1,6 @@
 """A stream: a program going to a machine, line by line, under control, with events."""
 
 import contextlib
-import threading
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +19,7 @@ from fdjax.machine.program import Command, Program, State
 from fdjax.machine.protocols import AbstractProtocol, protocol
 from fdjax.machine.protocols.base import Entry, position
 from fdjax.machine.resume import Point
+from fdjax.machine.sml_state import SmlState
 from fdjax.machine.survey import survey
 
 TICK = 0.1
@@ -30,7 +30,11 @@ BLOCKING = 1800.0
 """Seconds that heating, homing and the like may take without a sign of life."""
 POLL = 5.0
 """Seconds after which the temperatures are asked for again."""
-_SLOW = ("M109", "M190", "M191", "M116", "G28", "G29", "G30", "G34", "M303", "M400", "M600", "M0")
+_QUICK = frozenset(
+    [f"G{number}" for number in (0, 1, 2, 3, 17, 20, 21, 90, 91, 92)]
+    + [f"M{number}" for number in (3, 4, 5, 73, 82, 83, 104, 105, 106, 107, 114, 117, 140, 204)]
+)
+"""Commands that take no longer than their motion; all others may heat, home or probe."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +89,8 @@ class Stream:
         self._next: Command | None = None
         self._read = False  # the file, to its end
         self._orders: deque[str] = deque()
-        self._lock = threading.Lock()
         self._paused = False
+        self._parked = False  # a machine that does not know where it is only waits
         self._aborting = False
         self._sent = self._told = 0
         self._told_layer = 0
@@ -140,8 +144,7 @@ class Stream:
         self._order("stop")
 
     def _order(self, what: str) -> None:
-        with self._lock:
-            self._orders.append(what)
+        self._orders.append(what)
 
     @property
     def paused(self) -> bool:
@@ -210,6 +213,7 @@ class Stream:
             raise
         if self._aborting:
             self._fail(StreamError("aborted: motion has stopped, heaters and flow are off"))
+        self._say(self.protocol.farewell())
         self._tell("done", "the file has been run")
 
     def _is_over(self) -> bool:
@@ -225,7 +229,7 @@ class Stream:
         if asks and self.protocol.room("M105"):
             self._polled = now
             here = (self._aside if self._paused else self.state).position
-            self.protocol.push(Entry("M105", 0, 0.0, here, here, repeatable=True), now)
+            self.protocol.push(Entry("M105", before=here, after=here, repeatable=True), now)
         while True:
             text, line = self._peek()
             if text is None or not self.protocol.room(text):
@@ -243,7 +247,10 @@ class Stream:
         if self._paused or self._aborting:
             return None, 0
         if self._next is None and not self._read:
-            self._next = next(self._commands, None)
+            try:
+                self._next = next(self._commands, None)
+            except InputError as error:  # the file has changed
+                raise StreamError(str(error)) from None
             self._read = self._next is None
         return (None, 0) if self._next is None else self._next
 
@@ -255,13 +262,13 @@ class Stream:
         except InputError as error:
             raise StreamError(f"line {line}: {error}") from None
         seconds = sum(m.seconds or m.length / max(m.speed, 1e-3) for m in moves)
-        if text[:4].rstrip() in _SLOW:
-            seconds += BLOCKING
+        quick = isinstance(state, SmlState) or text.partition(" ")[0].upper() in _QUICK
+        waits = 0.0 if quick else BLOCKING
         # A travel to where the machine stands already does nothing.
         absolute = isinstance(state, GcodeState) and state.absolute
         repeatable = not moves or (absolute and not any(move.volume for move in moves))
         after = state.position if moves else before
-        self.protocol.push(Entry(text, line, seconds, before, after, repeatable), now)
+        self.protocol.push(Entry(text, line, seconds, waits, before, after, repeatable), now)
 
     def _exchange(self, on_position: Callable[[str], object] = lambda text: None) -> bytes:
         """Write what there is, read what comes, and do what is due; what came."""
@@ -292,8 +299,8 @@ class Stream:
         if out:
             data = bytes(out)
             out.clear()
-            self._log(self.port.now(), ">", data)
             self.port.write(data)
+            self._log(self.port.now(), ">", data)
 
     def _come_back(self, lost: PortLost) -> None:
         """Wait for the port; only numbered lines tell afterwards what has arrived."""
@@ -303,6 +310,8 @@ class Stream:
         until = self.port.now() + RETURN
         self.protocol.out.clear()
         while not self.port.reopen():
+            if {"stop", "abort"} & set(self._orders):
+                raise self.protocol.stopped(f"{lost}; nothing more can be said to the machine")
             if self.port.now() >= until:
                 raise self.protocol.stopped(f"{lost}, and has not come back")
             self.port.wait(0.5)
@@ -331,10 +340,8 @@ class Stream:
     # Controls.
 
     def _obey(self) -> None:
-        with self._lock:
-            orders = list(self._orders)
-            self._orders.clear()
-        for order in orders:
+        while self._orders:
+            order = self._orders.popleft()
             if order == "stop":
                 self._say_bare(self._control.stop)
                 raise self.protocol.stopped("emergency stop: reset the machine before all else")
@@ -343,11 +350,14 @@ class Stream:
             elif order == "pause" and not self._paused and not self._aborting:
                 self._paused = True
                 self._aside = self.state.copy()
-                self._extra.extend(self._control.park(self.state, self.program.machine))
+                self._parked = self.state.placed
+                if self._parked:
+                    self._extra.extend(self._control.park(self.state, self.program.machine))
                 self._tell("state", "paused")
             elif order == "resume" and self._paused:
                 self._paused = False
-                self._extra.extend(self._control.unpark(self.state, self.program.machine))
+                if self._parked:
+                    self._extra.extend(self._control.unpark(self.state, self.program.machine))
                 self._tell("state", "resumed")
 
     def _begin_abort(self) -> None:
@@ -363,27 +373,28 @@ class Stream:
             self._tell("message", "it cannot be interrupted: waiting for what it is doing to end")
         if self._control.ends_at_once:
             raise self.protocol.stopped("aborted: motion has stopped, heaters and flow are off")
-        self._extra.extend(self._control.end(self.state))
+        self._extra.extend(self._control.end(self.state, self.program.machine))
 
-    def _say_bare(self, lines: tuple[str, ...]) -> None:
+    def _say_bare(self, lines: Sequence[str]) -> None:
         # What was begun before ends first.
         self._say(b"\n" + b"".join(self.protocol.bare(line) for line in lines))
 
     def _say(self, data: bytes) -> None:
         """Write at once, before and beside all lines."""
         self._flush()
-        self._log(self.port.now(), ">", data)
         self.port.write(data)
+        self._log(self.port.now(), ">", data)
 
     # Ends.
 
     def _fail(self, error: StreamError) -> None:
         """Turn off what can be turned off, and say where the stream ended."""
         line, sent = (self.protocol.proven_line or self._after) + 1, self._sent
+        acknowledged = self.line
         self._turn_off()
         raise StreamError(
             f"{self.program.path.name}, line {line}: {error}; lines before it were run, "
-            f"nothing after line {sent} was sent",
+            f"{acknowledged} was the last acknowledged and {sent} the last sent",
             line=line,
             sent=sent,
         ) from None
@@ -391,4 +402,4 @@ class Stream:
     def _turn_off(self) -> None:
         """No heater or flow stays on for want of a sender."""
         with contextlib.suppress(PortLost):
-            self._say_bare(self._control.off)
+            self._say_bare(self._control.off(self.program.machine))

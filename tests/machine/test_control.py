@@ -179,3 +179,69 @@ def test_nobody_waits_for_ever(tmp_path):
     with pytest.raises(StreamError, match="no answer"):
         run.stream.run()
     assert run.port.now() < 600
+
+
+def test_a_pause_before_homing_moves_nothing(tmp_path):
+    run = stream(gcode(tmp_path / "job.gcode", 300), "marlin")
+    run.stream.pause()
+    run.stream.resume()
+    run.stream.run()
+    assert run.verdict() == "whole"
+
+
+def test_a_file_that_changes_during_the_print_stops_it(tmp_path):
+    path = tmp_path / "job.gcode"
+
+    def on_event(event):
+        if event.kind == "line" and event.line >= 300 and path.stat().st_size > 100:
+            path.write_text("G28\n")
+
+    run = stream(gcode(path, 3000), "marlin", listen={"on_event": on_event})
+    with pytest.raises(StreamError, match="has changed"):
+        run.stream.run()
+    assert all(heater.target == 0 for heater in run.machine.heaters.values())
+
+
+def test_an_abort_in_inches_lifts_by_millimetres(tmp_path):
+    path = tmp_path / "job.gcode"
+    job = gcode(path, 300)
+    path.write_text(path.read_text().replace("G1 F3000", "G0 Z10\nG20\nG1 X1 Y1 F100"))
+    begin, _ = at_line(("abort",), 20)
+    run = begin(Program(path, job.machine), "marlin")
+    with pytest.raises(StreamError, match="aborted"):
+        run.stream.run()
+    assert run.machine.state.z == pytest.approx(15.0)
+
+
+def test_one_lost_ok_after_a_heat_up_costs_seconds(tmp_path):
+    lost = []
+
+    class Deaf(VirtualPort):
+        def read(self, seconds):
+            data = super().read(seconds)
+            if data.count(b"ok") == 1 and len(lost) < 20:
+                lost.append(data)
+                return b"" if len(lost) == 20 else data
+            return data
+
+    machine = VirtualMarlin(PRINTER, advanced=False, keep=True)
+    job = gcode(tmp_path / "job.gcode", 200)
+    port = Deaf(machine)
+    Stream(job, port, MarlinProtocol()).run()
+    assert len(lost) == 20
+    assert port.now() < 400
+
+
+def test_a_machine_that_stopped_itself_is_no_good_print(tmp_path):
+    job = gcode(tmp_path / "job.gcode", 200)
+    run = stream(job, "marlin")
+    begin = run.machine._begin
+
+    def stopped(line):
+        if line.startswith("N60 "):
+            run.machine.say("Error:Printer stopped due to errors. Fix the error and use M999")
+        return begin(line)
+
+    run.machine._begin = stopped
+    with pytest.raises(StreamError, match="halted"):
+        run.stream.run()

@@ -117,7 +117,7 @@ def test_an_ok_inside_a_report_is_none():
 
 def test_busy_and_heating_keep_it_patient():
     talk = Talk()
-    talk.push("M109 S200")
+    talk.push("M109 S200", waits=1800.0)
     for _ in range(30):
         assert talk.wait(9) == []
         talk.hear("echo:busy: processing")
@@ -129,7 +129,8 @@ def test_busy_and_heating_keep_it_patient():
 
 def test_a_silent_heat_up_is_waited_for():
     talk = Talk()
-    talk.push("M109 S200", seconds=1800.0)
+    talk.push("M109 S200", waits=1800.0)
+    assert not talk.protocol.room("G1 X1"), "nothing stands behind it"
     assert talk.wait(600) == []
 
 
@@ -220,16 +221,44 @@ def test_the_end_is_proven_to_kin_that_name_no_last_line():
         talk.protocol.finish(talk.now)
         assert talk.sent() == [framed(2, "G1 X1")]
         assert not talk.protocol.finished
-        talk.hear("Error: expected line 3 got 2", "Resend:3")
+        talk.hear("Error: wrong line", "Resend:3")
         talk.wait(0.2)
     assert talk.protocol.finished
+
+
+def test_a_line_that_was_expected_is_proof():
+    talk = Talk()
+    talk.push("G1 X1")
+    talk.hear("ok")
+    talk.protocol.finish(talk.now)
+    talk.sent()
+    talk.hear("Error: expected line 3 got 2", "Resend:3")
+    talk.wait(0.2)
+    assert talk.protocol.finished
+
+
+def test_reports_that_come_by_themselves_do_not_hide_a_lost_ok():
+    talk = Talk()
+    talk.push("G1 X1")
+    resent = []
+    for _ in range(20):
+        resent += talk.wait(1)
+        talk.hear("T:200.0 /200.0 B:60.0 /60.0")
+    assert resent[0] == framed(2, "G1 X1")
+
+
+def test_an_answer_to_m105_is_proof():
+    talk = Talk()
+    talk.push("G1 X1", 7)
+    talk.hear("ok")
+    talk.push("M105")
+    talk.hear("ok T:200.0 /200.0")
+    assert (talk.protocol.proven, talk.protocol.proven_line) == (3, 7)
 
 
 def test_a_reboot_of_such_kin_ends_the_stream():
     talk = Talk()
     talk.push("G1 X1")
-    talk.hear("Error: expected line 1 got 2", "Resend:1")
-    assert talk.wait(0.2) == [framed(2, "G1 X1")]
     with pytest.raises(StreamError, match="rebooted"):
         talk.hear("Error: expected line 1 got 2", "Resend:1")
 

@@ -16,6 +16,7 @@ from fdjax.machine import journal, resume
 from fdjax.machine.gcode_state import GcodeState
 from fdjax.machine.journal import Job, Journal
 from fdjax.machine.program import Program
+from fdjax.machine.resume import Standing
 from fdjax.machine.virtual.marlin import VirtualMarlin
 from fdjax.machine.virtual.serve import PseudoTerminal
 
@@ -107,7 +108,7 @@ def check(bench, program, moment):
     marks = starts(program)
     assert layer in {sum(mark <= line for mark in marks) for line in (following, following - 1)}
     rest = [text for text, _ in wanted[done:]]
-    assert "kept its position" in said
+    assert "stands where the print broke off" in said
     # What is left runs once; settings just before may be said again.
     again = len(ran) - len(rest)
     assert ran[again:] == rest or ran[-len(rest) :] == rest
@@ -131,7 +132,7 @@ def test_fifty_kills(tmp_path, bench):
 def test_after_a_power_cut_x_and_y_are_homed_and_z_never(tmp_path, bench):
     program = layered(tmp_path / "job.gcode")
     done, said, ran = killed_and_resumed(bench, program, 250, power_lost=True)
-    assert "lost its position" in said
+    assert "has lost its position" in said
     assert [text for text in ran if text.startswith("G28")] == ["G28 X Y"]
     z = float(re.search(r"stopped, at z = ([\d.]+) mm", said)[1])
     assert f"G92 Z{z:.3f}" in ran
@@ -145,9 +146,12 @@ def test_after_a_power_cut_x_and_y_are_homed_and_z_never(tmp_path, bench):
 def test_the_way_back_rebuilds_the_state(tmp_path):
     program = gcode(tmp_path / "job.gcode", 400)
     point = resume.Points(program, [], 300).kept
-    for kept in (True, False):
+    for stands in Standing:
         state = GcodeState.of(PRINTER)
-        for text in ["G91", "M82", "G20", *resume.way_back(point, PRINTER, kept=kept)]:
+        height = point.state.on_bed[2]
+        lines = resume.way_back(point, PRINTER, stands, height=height)
+        assert not any(text.startswith("G28") and text != "G28 X Y" for text in lines)
+        for text in ["G91", "M82", "G20", *lines]:
             state.run(text)
         wanted = point.state
         for name in ("absolute", "relative_e", "scale", "fan", "bed", "nozzles", "tool"):
@@ -164,9 +168,10 @@ def test_sml_goes_on_between_roads_and_only_with_power(tmp_path):
         point = resume.Points(program, [], lines[reached].line).kept
         assert point.state.path is None
         assert point.state.outputs == ()
-        assert resume.way_back(point, program.machine, kept=True)[0] == "PD;MM;"
+        back = resume.way_back(point, program.machine, Standing.HERE, height=0.0)
+        assert back[0] == "PD;MM;"
         with pytest.raises(InputError, match="kept its power"):
-            resume.way_back(point, program.machine, kept=False)
+            resume.way_back(point, program.machine, Standing.LOST, height=0.0)
 
 
 def test_a_layer_can_be_named(tmp_path):
@@ -221,3 +226,49 @@ def test_a_log_can_be_read_back(tmp_path):
     path.write_text("nonsense\n")
     with pytest.raises(InputError, match="line 1"):
         journal.read_log(path)
+
+
+def test_after_an_abort_the_height_is_the_machines_own(tmp_path, bench):
+    program = layered(tmp_path / "job.gcode")
+    sender = bench.sender(program)
+    until = time.monotonic() + 30
+    while len(bench.ran()) < 200 and time.monotonic() < until:
+        time.sleep(0.0005)
+    sender.send_signal(signal.SIGINT)
+    _, errors = sender.communicate(timeout=60)
+    assert sender.returncode == 4, errors
+    assert "aborted" in errors
+    lifted = bench.machine.state.z
+    bench.machine.executed.clear()
+    sender = bench.sender(program, "--resume")
+    said, errors = sender.communicate(timeout=60)
+    assert sender.returncode == 0, errors
+    assert "has kept its height" in said
+    ran = bench.ran()
+    assert not any(text.startswith("G92 Z") for text in ran)
+    first = next(float(text.split("Z")[1].split()[0]) for text in ran if text.startswith("G1 Z"))
+    assert first > lifted
+    assert bench.machine.state.on_bed[2] == pytest.approx(1.6)
+
+
+def hopping(path):
+    """A program that hops between roads."""
+    text = ["G21", "G90", "M83", "M104 S200", "G28", "M109 S200", "G92 E0", "G0 Z0.2 F600"]
+    for k in range(60):
+        text += [f"G1 X{10 + k} Y10 E0.5 F3000", "G0 Z0.8", f"G0 X{11 + k} Y60", "G0 Z0.2"]
+    path.write_text("\n".join(text) + "\n")
+    return Program(path, PRINTER)
+
+
+def test_where_it_hopped_the_lowest_height_is_taken(tmp_path):
+    program = hopping(tmp_path / "job.gcode")
+    for reached in range(100, 110):
+        assert resume.Points(program, [], reached).lowest == pytest.approx(0.2)
+
+
+def test_nothing_is_gone_on_with_before_homing_or_the_first_road(tmp_path):
+    program = hopping(tmp_path / "job.gcode")
+    with pytest.raises(InputError, match="begin anew"):
+        resume.Points(program, [], 8)
+    for reached in range(9, 30):
+        assert resume.Points(program, [], reached).lost.line >= 5

@@ -28,10 +28,13 @@ QUIET = 0.1
 """Seconds of silence after which a flood of errors is over."""
 
 _LAST = re.compile(r"Last Line:\s*(\d+)")
+_EXPECTED = re.compile(r"expected line (\d+)")
 _RESEND = re.compile(r"(?:resend|rs):?\s*N?(\d+)$", re.IGNORECASE)
 _OK = re.compile(r"ok N(\d+)(?: P\d+)?(?: B(\d+))?(?: T:.*)?$")
 _FACT = re.compile(r"(Cap:\w+|FIRMWARE_NAME):\s?(.*?)(?=\s+[A-Z_]+:|$)")
-_HALTED = re.compile(r"halted|kill\(\)|thermal|m(ax|in)temp|heating failed", re.IGNORECASE)
+_HALTED = re.compile(
+    r"halted|stopped due to errors|kill\(\)|thermal|m(ax|in)temp|heating failed", re.IGNORECASE
+)
 _KEPT = 512
 _MOST_RESENDS = 40
 _RESOLUTION = 0.006
@@ -73,6 +76,8 @@ class MarlinProtocol(AbstractProtocol):
     def room(self, text: str) -> bool:
         if not self.ready or self._recovering or self._in_flight < len(self.pending):
             return False
+        if self.pending and self.pending[-1].waits:
+            return False  # nothing stands behind a heat-up, so that it can be broken off
         fits = self._bytes + len(text) + 16 <= self._most
         return not self.pending or (fits and len(self.pending) < self._slots)
 
@@ -125,6 +130,8 @@ class MarlinProtocol(AbstractProtocol):
             self._ok(text, now)
         elif found := _LAST.search(text):
             self._last, self._cut = int(found[1]), "no checksum" in text.lower()
+        elif found := _EXPECTED.search(text):  # Repetier and its kin
+            self._last, self._cut = int(found[1]) - 1, False
         elif found := _RESEND.match(text):
             last, self._last = self._last, None
             self._asked_for(int(found[1]), last, now)
@@ -137,8 +144,12 @@ class MarlinProtocol(AbstractProtocol):
             self.open(now)
         elif "busy" in text or "paused for user" in text or text.startswith(("T:", "B:")):
             self._note("busy" if "T:" not in text else "temperature", text)
-            self._tried = 0
-            if self._goal is None:
+            if self._goal is not None:
+                return
+            if text.startswith(("T:", "B:")):
+                self._lives(now)
+            else:
+                self._tried = 0
                 self._wait(now)
         elif text == "wait":
             if self.pending and self.ready and self._goal is None:
@@ -183,7 +194,10 @@ class MarlinProtocol(AbstractProtocol):
                 if advanced[2] is not None and not self.pending:
                     self._slots = max(1, min(int(advanced[2]), 8))
         elif self._in_flight:
+            reported = "T:" in text and self.pending[0].text == "M105"
             self._take(1, now)
+            if reported:
+                self._prove()  # nothing else is answered so
 
     def _take(self, count: int, now: float) -> None:
         """The machine has so many more lines."""
@@ -208,7 +222,8 @@ class MarlinProtocol(AbstractProtocol):
 
     def _asked_for(self, number: int, last: int | None, now: float) -> None:
         """Wait until it is quiet, for one fault brings many of these; then see what it can mean."""
-        proof = last == number - 1 if last is not None else number == self._hint
+        # Where no last line is ever named, the end must do with the same answer twice.
+        proof = last == number - 1 if last is not None else self._proving and number == self._hint
         if last is not None and not proof:
             number = -1  # one of the two numbers is damaged
         if proof and self.proven > 0 and number <= self._proven_number:

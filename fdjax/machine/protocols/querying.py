@@ -30,6 +30,7 @@ class AbstractQuerying(AbstractProtocol):
     def __init__(self) -> None:
         super().__init__()
         self._places: list[Position] | None = None  # reported so far, None where not asked
+        self._drift = 0.0  # of E, which firmware sums in single precision
         self._oks = 0  # since the greeting
         self._settling = False  # reports are there, and perhaps more answers to come
         self._due = 0  # acknowledgements of these questions that are still to come
@@ -59,6 +60,8 @@ class AbstractQuerying(AbstractProtocol):
 
     def _send(self, entry) -> None:
         self._expected = entry.after
+        if entry.text.startswith("G92"):
+            self._drift = 0.0
         self.out += self._framed(entry.text)
 
     @property
@@ -89,8 +92,7 @@ class AbstractQuerying(AbstractProtocol):
             self._ok(text, now)
         elif text.startswith(("T:", "B:")) or "busy" in text:
             self._note("temperature" if "T:" in text else "busy", text)
-            self._tried = 0
-            self._wait(now)
+            self._lives(now)
         elif (place := position(text)) is not None:
             self._note("position", text)
             if self._places is not None:
@@ -104,6 +106,7 @@ class AbstractQuerying(AbstractProtocol):
             name = text.partition("FIRMWARE_NAME:")[2].strip()
             self.facts["FIRMWARE_NAME"] = name.split(" FIRMWARE")[0]
         self._note("fault" if text.startswith("Error") else "message", text)
+        self._lives(now)
 
     def _ok(self, text: str, now: float) -> None:
         if not self.ready:
@@ -157,22 +160,24 @@ class AbstractQuerying(AbstractProtocol):
         """
         places = self._places or []
         place, sure = places[-1], len(places) > 1 and same(places[-1], places[-2], 0.0)
-        as_expected = same(place, self._expected, self.resolution)
+        before, after = self._drifted()
+        as_expected = same(place, after, self.resolution)
         if not sure and (not as_expected or (self.loses and self.pending)):
             self._ask(now)
             return
         self._places = None
         if not self.pending or not self.loses:
             if not as_expected:
-                raise self.stopped(f"the machine is at {_text(place)}, not {_text(self._expected)}")
+                raise self.stopped(f"the machine is at {_text(place)}, not {_text(after)}")
+            if place[3] is not None and self._expected[3] is not None:
+                self._drift = place[3] - self._expected[3]
             self._done(len(self.pending), now)
             self._prove()
             return
         entry = self.pending[0]
-        moves = not same(entry.before, entry.after, 2 * self.resolution)
-        before = same(place, entry.before, self.resolution)
-        if not as_expected and not before:
-            raise self.stopped(f"the machine is at {_text(place)}, not {_text(self._expected)}")
+        moves = not same(before, after, 2 * self.resolution)
+        if not as_expected and not same(place, before, self.resolution):
+            raise self.stopped(f"the machine is at {_text(place)}, not {_text(after)}")
         if moves and as_expected:
             self._done(1, now)
             self._prove()
@@ -182,6 +187,16 @@ class AbstractQuerying(AbstractProtocol):
         else:
             raise self.stopped("no answer, and the position does not tell whether the line was run")
 
+    def _drifted(self) -> tuple[Position, Position]:
+        """Positions before and after the line on its way, or else where the last one ended."""
+        before = self.pending[0].before if self.pending else self._expected
+        return _moved(before, self._drift), _moved(self._expected, self._drift)
+
+
+def _moved(place: Position, drift: float) -> Position:
+    x, y, z, e = place
+    return x, y, z, None if e is None else e + drift
+
 
 def _text(place: Position) -> str:
-    return ", ".join("?" if value is None else f"{value:g}" for value in place)
+    return ", ".join("?" if value is None else f"{value:.3f}" for value in place)

@@ -42,6 +42,9 @@ class RrfProtocol(AbstractQuerying):
         self.out.extend(2 * self._framed(_CHECKED))
         super()._greet(now)
 
+    def farewell(self) -> bytes:
+        return self._framed("M575 P0 S0")
+
     def _is_set_up(self) -> bool:
         return self._oks >= 2
 

@@ -14,6 +14,7 @@ AREA_PER_POWER = 1e-4
 _KNOWN = frozenset(
     [f"G{number}" for number in (0, 1, 2, 3, 4, 17, 20, 21, 28, 54, 90, 91, 92)]
     + [f"M{number}" for number in (0, 2, 3, 4, 5, 8, 9, 30)]
+    + ["$H", ""]  # words alone go on with the last motion
 )
 
 
