@@ -116,7 +116,6 @@ class AbstractProtocol(ABC):
         self.pushed = 0
         self.ready = False
         self._rest = b""
-        self._alive = 0.0
         self._deadline = 0.0
         self._tried = 0
         self._recent: deque[float] = deque(maxlen=24)  # what the machine may still be moving
@@ -160,7 +159,6 @@ class AbstractProtocol(ABC):
         for raw in lines:
             text = raw.decode("ascii", "replace").strip("\r \t\0")
             if text:
-                self._alive = now
                 self.answer(text, now)
 
     def tick(self, now: float) -> None:

@@ -85,11 +85,6 @@ class MarlinProtocol(AbstractProtocol):
     def _recovering(self) -> bool:
         return self._goal is not None or self._proving or self._suspect is not None
 
-    @property
-    def _sent(self) -> int:
-        """Number of the last line that was ever pushed."""
-        return self._number + len(self.pending)
-
     def _frame(self, number: int, entry: Entry) -> bytes:
         body = f"N{number} {entry.text}"
         return f"{body}*{checksum(body)}\n".encode("ascii", "replace")

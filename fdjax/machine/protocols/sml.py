@@ -38,7 +38,6 @@ class SmlProtocol(AbstractProtocol):
         self._held = False  # by XOFF
         self._behind: list[tuple[int, int, int]] = []  # bytes accepted, count, line
         self._accepted = 0  # bytes
-        self._filled = 0  # bytes of filler since the last line
         self._left = b""  # of a line longer than a block
 
     def open(self, now: float) -> None:
@@ -57,7 +56,6 @@ class SmlProtocol(AbstractProtocol):
         return not closed and (self._block == 0 or self._block + len(text) + 1 <= BLOCK)
 
     def _send(self, entry: Entry) -> None:
-        self._filled = 0
         self._left += f"{entry.text}\n".encode("ascii", "replace")
         self._put()
 
@@ -117,7 +115,7 @@ class SmlProtocol(AbstractProtocol):
         """Answers are single bytes."""
 
     def _acknowledged(self, now: float) -> None:
-        self._alive, self._tried = now, 0
+        self._tried = 0
         if self._quiet:
             self._deadline = now + QUIET
             return

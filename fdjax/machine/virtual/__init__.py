@@ -26,8 +26,6 @@ MACHINES: dict[str, type[AbstractVirtualMachine]] = {
 """By what follows `virtual:` in the name of a port."""
 
 _FLAGS = {"marlin": ("advanced", "keepalive", "emergency_parser", "wait", "bare_resend")}
-_UNHARMED = ("klipper", "grbl", "fdm1650")
-"""Lines without a checksum: bytes to the machine suffer no faults."""
 _ANSWERS = ("lose answer", "double answer", "lose byte", "damage byte", "delay")
 
 

@@ -8,7 +8,6 @@ from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
 _NUMBER = re.compile(r"N\s*(-?\d+)")
 _TEXT = re.compile(r"N-?\d+\s*")
-_HERE = frozenset({"M108", "M112", "M410"})
 
 
 class VirtualMarlin(AbstractGcodeMachine):
