@@ -80,7 +80,7 @@ _SINGLE = 4e-6
 def same(a: Position, b: Position, resolution: float) -> bool:
     """Whether two positions are one, as far as they are known, within what reports resolve, mm."""
     *_, e = b
-    slack = (resolution, resolution, resolution, resolution + _SINGLE * abs(e or 0.0))
+    slack = (resolution, resolution, resolution, 3 * resolution + _SINGLE * abs(e or 0.0))
     return all(
         p is None or q is None or abs(p - q) <= most for p, q, most in zip(a, b, slack, strict=True)
     )
