@@ -12,6 +12,7 @@ from fdjax.machine.protocols.base import AbstractProtocol, is_ok, position, same
 
 QUIET = 0.5
 """Seconds of silence after which no late answer is expected any more."""
+_MOST_REPEATS = 20
 _PROVE_EVERY = 64
 """Lines after which the position is asked for without need."""
 
@@ -30,6 +31,7 @@ class AbstractQuerying(AbstractProtocol):
     def __init__(self) -> None:
         super().__init__()
         self._places: list[Position] | None = None  # reported so far, None where not asked
+        self._repeats = 0  # of the line on its way
         self._drift = 0.0  # of E, which firmware sums in single precision
         self._oks = 0  # since the greeting
         self._settling = False  # reports are there, and perhaps more answers to come
@@ -97,6 +99,7 @@ class AbstractQuerying(AbstractProtocol):
             self._note("position", text)
             if self._places is not None:
                 self._places.append(place)
+                self._tried = 0
                 self._look(now)
         else:
             self._said(text, now)
@@ -118,6 +121,7 @@ class AbstractQuerying(AbstractProtocol):
             self._due -= bool(self._places)  # before the first report it may be the line's own
             self._look(now)
         elif self.pending:
+            self._repeats = 0
             self._done(1, now)
 
     def _is_set_up(self) -> bool:
@@ -179,9 +183,13 @@ class AbstractQuerying(AbstractProtocol):
         if not as_expected and not same(place, before, self.resolution):
             raise self.stopped(f"the machine is at {_text(place)}, not {_text(after)}")
         if moves and as_expected:
+            self._repeats = 0
             self._done(1, now)
             self._prove()
         elif moves or entry.repeatable:
+            self._repeats += 1
+            if self._repeats > _MOST_REPEATS:
+                raise self.stopped("the machine answers, but does not run a line")
             self._send(entry)
             self._wait(now)
         else:
