@@ -160,7 +160,7 @@ def _explained(name: str, error: Exception) -> str:
         return f"port {name}: another program is using it; close that first"
     if number == errno.ENOENT or isinstance(error, ValueError):
         return f"port {name}: there is none of that name; there are {listing()}"
-    if number == errno.ENOTTY:
+    if number == errno.ENOTTY or f"({errno.ENOTTY}," in str(error):
         return f"port {name}: is no serial port; there are {listing()}"
     return f"port {name}: cannot be opened ({error})"
 

@@ -76,6 +76,8 @@ def test_sml_is_recognised_by_its_enquiry():
 def test_a_port_that_is_not_there_lists_those_that_are():
     with pytest.raises(InputError, match=r"/dev/nowhere: there is none.*virtual:marlin"):
         open_port("/dev/nowhere", PRINTER)
+    with pytest.raises(InputError, match="/dev/null: is no serial port"):
+        open_port("/dev/null", PRINTER)
     with pytest.raises(InputError, match="no such machine; known are marlin"):
         open_port("virtual:reprap", PRINTER)
     with pytest.raises(InputError, match="unknown setting 'speed'"):
