@@ -73,17 +73,13 @@ class Progress:
         self._heat.update(event.values)
         if self._quiet:
             return
-        if event.kind in ("fault", "state") or (event.kind == "message" and self._matters(event)):
+        if event.kind in ("fault", "state"):
             self._print(event.text, end="\n")
         elif self._in_place or event.kind in ("layer", "done"):
             line = self._line(event)
             if line != self._shown:
                 self._shown = line
                 self._print(line, end="" if self._in_place else "\n")
-
-    @staticmethod
-    def _matters(event: Event) -> bool:
-        return event.text.startswith(("waiting", "it cannot", "the port"))
 
     def _print(self, text: str, end: str) -> None:
         start = "\r\x1b[K" if self._in_place else ""

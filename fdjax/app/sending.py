@@ -11,12 +11,10 @@ from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.formats.profile import Machine
 from fdjax.machine import connect, ports, resume
-from fdjax.machine.journal import Job, Journal, Log
-from fdjax.machine.journal import path_of as journal_of
+from fdjax.machine.journal import Job, Journal, Log, beside
 from fdjax.machine.journal import read as read_journal
 from fdjax.machine.ports import AbstractPort
 from fdjax.machine.program import Program
-from fdjax.machine.protocols import protocol
 from fdjax.machine.resume import Point, Standing
 from fdjax.machine.stream import Event, Stream
 from fdjax.machine.survey import Survey, survey
@@ -56,15 +54,12 @@ def send(request: Request) -> None:
         return
     if request.port is None:
         raise InputError(f"--port: name the machine's port; there are {ports.listing()}")
-    starts = [layer.line for layer in found.layers]
     goes_on = request.resume or request.layer is not None
     digest = program.digest()
     reached = _reached(program, digest, request) if goes_on else None
     port = _open(request, machine)
     try:
-        firmware = machine.stream.firmware
-        if firmware == "auto":
-            firmware = connect.recognise(port)
+        speaks = connect.protocol_at(port, machine)
         progress = Progress(found, request.quiet)
         with _Records(program, digest, request, port) as records:
 
@@ -72,14 +67,13 @@ def send(request: Request) -> None:
                 records.take(event)
                 progress(event)
 
-            speaks = protocol(firmware, machine.stream)
             stream = Stream(
-                program, port, speaks, starts=starts, on_event=on_event, log=records.log
+                program, port, speaks, starts=found.starts, on_event=on_event, log=records.log
             )
             point = None
             if goes_on:
                 stream.connect()
-                point = _go_on(program, starts, reached, request, stream)
+                point = _go_on(program, found.starts, reached, request, stream)
             _confirm(request, point)
             records.begin(point)
             try:
@@ -95,8 +89,9 @@ def send(request: Request) -> None:
 
 def _keep_apart(request: Request) -> None:
     """The file is read while others are written: none of them may be another."""
-    used = [request.file, request.file.with_name(f"{request.file.name}.journal")]
-    for name, path in (("--log", request.log), ("--printed", request.printed)):
+    used = [request.file, beside(request.file, "journal")]
+    log = request.log or beside(request.file, "log")
+    for name, path in (("--log", log), ("--printed", request.printed)):
         if path is None:
             continue
         if path.absolute().resolve() in [other.absolute().resolve() for other in used]:
@@ -174,7 +169,7 @@ def _reached(program: Program, digest: str, request: Request) -> int | None:
     A named layer does without, but the journal still tells at which height the nozzle stopped.
     """
     try:
-        job, line, layer = read_journal(journal_of(program))
+        job, line, layer = read_journal(beside(program.path, "journal"))
     except InputError:
         if request.layer is not None:
             return None
@@ -240,11 +235,11 @@ class _Records:
     """The journal, which tells where to go on after a crash, and the log, beside the file."""
 
     def __init__(self, program: Program, digest: str, request: Request, port: AbstractPort) -> None:
-        self._path = journal_of(program)
+        self._path = beside(program.path, "journal")
         self._job = Job(program.path.name, digest, program.machine.name, request.port or "")
         self._port = port
         self._journal: Journal | None = None
-        path = request.log or program.path.with_name(f"{program.path.name}.log")
+        path = request.log or beside(program.path, "log")
         self.log = Log(path, more=request.resume or request.layer is not None, on_failure=_warn)
 
     def begin(self, point: Point | None) -> None:

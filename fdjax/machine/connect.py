@@ -3,7 +3,7 @@
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
 from fdjax.machine.ports import AbstractPort
-from fdjax.machine.protocols import PROTOCOLS
+from fdjax.machine.protocols import PROTOCOLS, AbstractProtocol, protocol
 
 LISTEN = 2.5
 """Seconds for a board to boot that reset when the port was opened."""
@@ -49,6 +49,12 @@ def recognise(port: AbstractPort) -> str:
             if question == b"\x05" and b"\x06" in heard:
                 return "sml"
     raise InputError(unanswered(heard, "any firmware that is known", 0))
+
+
+def protocol_at(port: AbstractPort, machine: Machine) -> AbstractProtocol:
+    """The protocol of a machine's profile, or of the firmware that answers at the port."""
+    firmware = machine.stream.firmware
+    return protocol(recognise(port) if firmware == "auto" else firmware, machine.stream)
 
 
 def unanswered(heard: bytes, wanted: str, baud: int) -> str:

@@ -26,7 +26,10 @@ class Commands(ABC):
 
     @abstractmethod
     def park(self, state: State, machine: Machine) -> list[str]:
-        """Lines that take the head off the part, heaters down to where nothing oozes."""
+        """Lines that take the head off the part, heaters down to where nothing oozes.
+
+        A machine that has not been told where it is stays where it is.
+        """
 
     @abstractmethod
     def unpark(self, state: State, machine: Machine) -> list[str]:
@@ -52,6 +55,8 @@ class _Gcode(Commands):
 
     def park(self, state: State, machine: Machine) -> list[str]:
         assert isinstance(state, GcodeState)
+        if not state.placed:
+            return []
         lift = min(state.z + machine.stream.park_lift, machine.bed[2] - state.shift[2])
         return [
             "M400",
@@ -66,6 +71,8 @@ class _Gcode(Commands):
 
     def unpark(self, state: State, machine: Machine) -> list[str]:
         assert isinstance(state, GcodeState)
+        if not state.placed:
+            return []
         return [
             f"M109 S{state.nozzle:g}",
             f"G1 X{state.x:.3f} Y{state.y:.3f} F{_TRAVEL:g}",

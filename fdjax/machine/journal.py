@@ -9,7 +9,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fdjax.errors import InputError
-from fdjax.machine.program import Program
 
 _SLOT = 64
 """Bytes of each of the two places that hold how far the stream has come, in turn."""
@@ -66,17 +65,12 @@ class Journal:
         self._file.close()
 
 
-def path_of(program: Program) -> Path:
-    """Where the journal of a program lies.
+def beside(path: Path, suffix: str) -> Path:
+    """Where the "journal" or the "log" of a file lies.
 
-    >>> from pathlib import PurePath
-    >>> str(_beside(PurePath("out/plate.gcode"), "journal"))
-    'out/plate.gcode.journal'
+    >>> beside(Path("out/plate.gcode"), "journal").name
+    'plate.gcode.journal'
     """
-    return _beside(program.path, "journal")
-
-
-def _beside(path, suffix: str):
     return path.with_name(f"{path.name}.{suffix}")
 
 

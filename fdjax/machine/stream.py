@@ -12,29 +12,21 @@ from fdjax.formats import profile
 from fdjax.formats.profile import Machine
 from fdjax.machine import connect
 from fdjax.machine.control import Commands, commands_of
-from fdjax.machine.gcode_state import GcodeState
+from fdjax.machine.entry import Entry, entry_of
 from fdjax.machine.moves import Position
 from fdjax.machine.ports import AbstractPort, PortLost, open_port
 from fdjax.machine.program import Command, Program, State
-from fdjax.machine.protocols import AbstractProtocol, protocol
-from fdjax.machine.protocols.base import Entry, position
+from fdjax.machine.protocols import AbstractProtocol
+from fdjax.machine.protocols.base import position
 from fdjax.machine.resume import Point
-from fdjax.machine.sml_state import SmlState
 from fdjax.machine.survey import survey
 
 TICK = 0.1
 """Seconds after which controls are looked at, at the latest."""
 RETURN = 60.0
 """Seconds that a lost port is waited for."""
-BLOCKING = 1800.0
-"""Seconds that heating, homing and the like may take without a sign of life."""
 POLL = 5.0
 """Seconds after which the temperatures are asked for again."""
-_QUICK = frozenset(
-    [f"G{number}" for number in (0, 1, 2, 3, 17, 20, 21, 90, 91, 92)]
-    + [f"M{number}" for number in (3, 4, 5, 73, 82, 83, 104, 105, 106, 107, 114, 117, 140, 204)]
-)
-"""Commands that take no longer than their motion; all others may heat, home or probe."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +82,6 @@ class Stream:
         self._read = False  # the file, to its end
         self._orders: deque[str] = deque()
         self._paused = False
-        self._parked = False  # a machine that does not know where it is only waits
         self._aborting = False
         self._sent = self._told = 0
         self._told_layer = 0
@@ -117,13 +108,8 @@ class Stream:
         found = survey(program)
         found.refuse(program.path)
         line = open_port(port, machine)
-        firmware = machine.stream.firmware
-        if firmware == "auto":
-            firmware = connect.recognise(line)
-        starts = [layer.line for layer in found.layers]
-        return cls(
-            program, line, protocol(firmware, machine.stream), starts=starts, on_event=on_event
-        )
+        speaks = connect.protocol_at(line, machine)
+        return cls(program, line, speaks, starts=found.starts, on_event=on_event)
 
     # What other threads may call.
 
@@ -256,19 +242,11 @@ class Stream:
 
     def _push(self, text: str, line: int, now: float) -> None:
         state = self.state if line else self._aside
-        before = state.position
         try:
-            moves = state.run(text)
+            entry = entry_of(text, line, state)
         except InputError as error:
             raise StreamError(f"line {line}: {error}") from None
-        seconds = sum(m.seconds or m.length / max(m.speed, 1e-3) for m in moves)
-        quick = isinstance(state, SmlState) or text.partition(" ")[0].upper() in _QUICK
-        waits = 0.0 if quick else BLOCKING
-        # A travel to where the machine stands already does nothing.
-        absolute = isinstance(state, GcodeState) and state.absolute
-        repeatable = not moves or (absolute and not any(move.volume for move in moves))
-        after = state.position if moves else before
-        self.protocol.push(Entry(text, line, seconds, waits, before, after, repeatable), now)
+        self.protocol.push(entry, now)
 
     def _exchange(self, on_position: Callable[[str], object] = lambda text: None) -> bytes:
         """Write what there is, read what comes, and do what is due; what came."""
@@ -315,7 +293,7 @@ class Stream:
             if self.port.now() >= until:
                 raise self.protocol.stopped(f"{lost}, and has not come back")
             self.port.wait(0.5)
-        self._tell("message", "the port is back")
+        self._tell("state", "the port is back")
 
     def _report(self, on_position: Callable[[str], object]) -> None:
         while self.protocol.notes:
@@ -350,14 +328,11 @@ class Stream:
             elif order == "pause" and not self._paused and not self._aborting:
                 self._paused = True
                 self._aside = self.state.copy()
-                self._parked = self.state.placed
-                if self._parked:
-                    self._extra.extend(self._control.park(self.state, self.program.machine))
+                self._extra.extend(self._control.park(self.state, self.program.machine))
                 self._tell("state", "paused")
             elif order == "resume" and self._paused:
                 self._paused = False
-                if self._parked:
-                    self._extra.extend(self._control.unpark(self.state, self.program.machine))
+                self._extra.extend(self._control.unpark(self.state, self.program.machine))
                 self._tell("state", "resumed")
 
     def _begin_abort(self) -> None:
@@ -370,7 +345,7 @@ class Stream:
         if interruption:
             self._say(interruption)
         else:
-            self._tell("message", "it cannot be interrupted: waiting for what it is doing to end")
+            self._tell("state", "it cannot be interrupted: waiting for what it is doing to end")
         if self._control.ends_at_once:
             raise self.protocol.stopped("aborted: motion has stopped, heaters and flow are off")
         self._extra.extend(self._control.end(self.state, self.program.machine))

@@ -74,6 +74,11 @@ class Survey:
             first = str(self.errors[0]).removeprefix("error: ")
             raise InputError(f"{path}: {first}" + (f"; and {more} more" if more else ""))
 
+    @property
+    def starts(self) -> list[int]:
+        """The file lines at which layers begin."""
+        return [layer.line for layer in self.layers]
+
     def layer_of(self, line: int) -> int:
         """The layer that a file line lies in, from 1; 0 before the first."""
         return bisect_right(self.layers, line, key=lambda layer: layer.line)

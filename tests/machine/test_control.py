@@ -245,3 +245,14 @@ def test_a_machine_that_stopped_itself_is_no_good_print(tmp_path):
     run.machine._begin = stopped
     with pytest.raises(StreamError, match="halted"):
         run.stream.run()
+
+
+def test_a_dispenser_is_off_during_a_pause_homed_or_not(tmp_path):
+    path = tmp_path / "job.gcode"
+    job = gcode(path, 60, extruder=False)
+    path.write_text("G21\nG90\nG1 F3000\nM4 S500\n" + "G1 X10\nG1 X20\n" * 30)
+    begin, _ = at_line(("pause", "resume"), 20)
+    run = begin(Program(path, job.machine), "grbl")
+    run.stream.run()
+    settings = [text for text in run.machine.executed if text.startswith("M")]
+    assert settings == ["M4 S500", "M5", "M4 S500"]

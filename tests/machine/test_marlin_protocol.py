@@ -3,7 +3,8 @@
 import pytest
 
 from fdjax.errors import StreamError
-from fdjax.machine.protocols.base import Entry, checksum, is_ok, temperatures
+from fdjax.machine.entry import Entry
+from fdjax.machine.protocols.base import checksum, is_ok, temperatures
 from fdjax.machine.protocols.marlin import BUFFER, MarlinProtocol
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from fdjax.errors import StreamError
-from fdjax.machine.protocols.base import Entry
+from fdjax.machine.entry import Entry
 from fdjax.machine.protocols.klipper import KlipperProtocol
 from fdjax.machine.protocols.rrf import RrfProtocol
 

@@ -11,29 +11,11 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from fdjax.errors import StreamError
+from fdjax.machine.entry import Entry
 from fdjax.machine.moves import Position
 
 LONGEST_ANSWER = 4096
 """Bytes without a line's end that are no answer of any machine."""
-
-
-@dataclass(slots=True)
-class Entry:
-    """A line on its way to the machine.
-
-    - `line`: of the file; 0 for what the sender adds.
-    - `seconds`: of its motion; `waits`: that it may take besides, to heat, home or probe.
-    - `before`, `after`: x, y, z, e that the machine reports before and after it, mm.
-    - `repeatable`: whether running it twice is as good as once.
-    """
-
-    text: str
-    line: int = 0
-    seconds: float = 0.0
-    waits: float = 0.0
-    before: Position = (0.0, 0.0, 0.0, 0.0)
-    after: Position = (0.0, 0.0, 0.0, 0.0)
-    repeatable: bool = False
 
 
 @dataclass(slots=True)

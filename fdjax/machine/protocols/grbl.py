@@ -7,8 +7,9 @@ change that. Without the field, characters are counted: `ok` releases the oldest
 
 import re
 
+from fdjax.machine.entry import Entry
 from fdjax.machine.moves import Position
-from fdjax.machine.protocols.base import AbstractProtocol, Entry, is_ok, same
+from fdjax.machine.protocols.base import AbstractProtocol, is_ok, same
 
 BUFFER = 127
 """Bytes on their way: one less than the receive buffer."""
@@ -33,7 +34,6 @@ class GrblProtocol(AbstractProtocol):
     def __init__(self) -> None:
         super().__init__()
         self._bytes = 0  # of the lines on their way
-        self._full = False  # the burst is complete
         self._counts = False  # status reports have a Bf field
         self._size = 128  # of the receive buffer
         self._asked = False
@@ -46,10 +46,9 @@ class GrblProtocol(AbstractProtocol):
         self._wait(now, 2.0)
 
     def room(self, text: str) -> bool:
-        fits = self.ready and not self._full and self._bytes + len(text) + 1 <= BUFFER
-        if self.pending and not fits and self._counts:
-            self._full = True
-        return fits or (self.ready and not self.pending)
+        busy = self._asked or self._polling  # a burst is complete when the status is asked for
+        fits = not busy and self._bytes + len(text) + 1 <= BUFFER
+        return self.ready and (fits or not self.pending)
 
     def _send(self, entry: Entry) -> None:
         self._expected = entry.after
@@ -57,10 +56,10 @@ class GrblProtocol(AbstractProtocol):
         self.out += f"{entry.text}\n".encode("ascii", "replace")
 
     def finish(self, now: float) -> None:
-        self._full = self._counts and bool(self.pending)
+        """The status is asked for after every burst, so after the last one too."""
 
     def tick(self, now: float) -> None:
-        if self._full and not self._asked and not self._polling:
+        if self._counts and self.pending and not self._asked and not self._polling:
             self._ask(now)
         if self._polling and now >= self._deadline:
             self._ask(now)
@@ -120,14 +119,11 @@ class GrblProtocol(AbstractProtocol):
                 self._elsewhere, self._polling = here, True  # a report may be damaged
                 self._deadline = now
                 return
-        if self._full or not self._counts:
-            self._full = False
-            self._release(len(self.pending), now)
-            self._prove()
+        self._release(len(self.pending), now)
+        self._prove()
 
     def overdue(self, now: float) -> None:
         if not self.ready:
             self.open(now)
         else:
-            self._full = True
             self._ask(now)

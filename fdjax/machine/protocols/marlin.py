@@ -10,10 +10,10 @@ line of all is sent twice, for the machine to refuse it and so to prove that it 
 import re
 from collections import deque
 
+from fdjax.machine.entry import Entry
 from fdjax.machine.moves import Position
 from fdjax.machine.protocols.base import (
     AbstractProtocol,
-    Entry,
     checksum,
     is_ok,
     position,

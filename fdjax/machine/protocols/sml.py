@@ -9,7 +9,8 @@ That Stratasys machines do all this is an inference from the language's kinship 
 
 from typing import ClassVar
 
-from fdjax.machine.protocols.base import AbstractProtocol, Entry
+from fdjax.machine.entry import Entry
+from fdjax.machine.protocols.base import AbstractProtocol
 
 ENQ, ACK, XON, XOFF, ERROR = b"\x05", b"\x06", b"\x11", b"\x13", b"?"
 BUFFER = 256
