@@ -52,7 +52,7 @@ def _check(start: Float[Array, "ni nj 2"], controls: ControlFunctions) -> None:
     for name, values in (("nodes", start), *controls._asdict().items()):
         if values.dtype != jnp.float64:
             raise InputError(f"grid: {name} are {values.dtype}; float64 is needed")
-        if name != "nodes" and values.shape != inside:
+        if name != "nodes" and values.shape not in ((), inside):
             raise InputError(f"grid: {name} has shape {values.shape}; the interior has {inside}")
         if not isinstance(values, Tracer) and not np.isfinite(values).all():
             raise InputError(f"grid: {name} are not all finite")
@@ -249,15 +249,11 @@ class Elliptic(eqx.Module):
         ni, nj = self.nodes
         xi, eta = jnp.linspace(0, 1, ni)[:, None], jnp.linspace(0, 1, nj)[None]
         start = Transfinite(self.sides, self.spacings)(xi, eta)
-        shape = (ni - 2, nj - 2)
-        phi, psi, p, q = (
-            jnp.broadcast_to(value, shape) for value in (self.phi, self.psi, self.p, self.q)
-        )
         controls = ControlFunctions(
-            phi / (ni - 1) + self.phi_index,
-            psi / (nj - 1) + self.psi_index,
-            p * (ni - 1),
-            q * (nj - 1),
+            jnp.asarray(self.phi / (ni - 1) + self.phi_index),
+            jnp.asarray(self.psi / (nj - 1) + self.psi_index),
+            jnp.asarray(self.p * (ni - 1)),
+            jnp.asarray(self.q * (nj - 1)),
         )
         if self.follow_sides:
             side_phi, side_psi = winslow.boundary_controls(start)

@@ -45,11 +45,12 @@ def _depth(shape: tuple[int, int], most: int = _MOST_LATTICES) -> int:
     return 1 if last else 1 + _depth(coarse, most - 1)
 
 
-def hierarchy(equations: GridEquations) -> list[GridEquations]:
-    """The equations on all lattices, finest first."""
+def hierarchy(equations: GridEquations, shape: tuple[int, int]) -> list[GridEquations]:
+    """The equations on all lattices, finest first; the finest has that shape."""
     levels = [equations]
-    for _ in range(_depth(_shape(equations.controls.phi)) - 1):
-        levels.append(levels[-1].coarser())
+    for _ in range(_depth(shape) - 1):
+        levels.append(levels[-1].coarser(shape))
+        shape = coarser(shape[0]), coarser(shape[1])
     return levels
 
 
@@ -111,7 +112,7 @@ def linear_levels(
 ) -> list[Any]:
     """The equations linearised at the lattice r, on all lattices, or their transposes."""
     levels = []
-    for level in hierarchy(equations):
+    for level in hierarchy(equations, _shape(r[0])):
         levels.append(operator(derivative(r, level)))
         r = each(restricted, r)
     return levels

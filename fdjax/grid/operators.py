@@ -36,7 +36,9 @@ class _Nodes(NamedTuple):
     first: int = 0
 
     def of(self, u: Plane, di: int = 0, dj: int = 0) -> Array:
-        """The values at the neighbours at an offset."""
+        """The values at the neighbours at an offset; a scalar is the same everywhere."""
+        if u.ndim == 0:
+            return u
         cuts = []
         for axis, offset in enumerate((di, dj)):
             skip = self.first and axis != self.axis
@@ -83,26 +85,29 @@ class _Lines(NamedTuple):
     residual: Pair
 
 
-_FEW = 300
-"""Nodes of a colour up to which lines are eliminated one by one, by LAPACK."""
+_LONG = 250
+"""Lines from which on writing over the systems is faster than scanning them."""
 
 
 def _solved(lines: _Lines, axis: int) -> Pair:
-    """The change at the nodes."""
-    if lines.diagonal.size <= _FEW:
-        return _solved_one_by_one(lines, axis)
-    lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines)
+    """The change at the nodes, by Thomas' algorithm for all lines at once."""
+    lines = jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines)
+    solve = _overwritten if lines.diagonal.shape[1] >= _LONG else _scanned
+    return each(lambda change: jnp.moveaxis(change, 0, axis), solve(lines))
+
+
+def _scanned(lines: _Lines) -> Pair:
     moved = jnp.array([0.0, 1.0, 1.0])[:, None]
 
-    # Thomas' algorithm, all lines at once. Its three unknowns are one array: the time of short
-    # rows is that of starting operations.
+    # The three unknowns are one array: the time of short rows is that of starting operations.
     def down(before: Array, row: tuple) -> tuple[Array, Array]:
         lower, diagonal, upper, x, y = row
         pivot = 1 / (diagonal - lower * before[0])
         here = (jnp.stack([upper, x, y]) + moved * lower * before) * pivot
         return here, here
 
-    none = jnp.zeros((3, diagonal.shape[1]))
+    none = jnp.zeros((3, lines.diagonal.shape[1]))
+    lower, diagonal, upper, residual = lines
     _, rows = jax.lax.scan(down, none, (lower, diagonal, upper, *residual))
 
     def up(after: Array, row: Array) -> tuple[Array, Array]:
@@ -110,14 +115,40 @@ def _solved(lines: _Lines, axis: int) -> Pair:
         return here, here
 
     _, change = jax.lax.scan(up, none[1:], rows, reverse=True)
-    return jnp.moveaxis(change[:, 0], 0, axis), jnp.moveaxis(change[:, 1], 0, axis)
+    return change[:, 0], change[:, 1]
 
 
-def _solved_one_by_one(lines: _Lines, axis: int) -> Pair:
-    lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, -1), lines)
-    lower, upper = lower.at[:, 0].set(0.0), upper.at[:, -1].set(0.0)
-    change = jax.lax.linalg.tridiagonal_solve(-lower, diagonal, -upper, jnp.stack(residual, -1))
-    return jnp.moveaxis(change[..., 0], -1, axis), jnp.moveaxis(change[..., 1], -1, axis)
+def _overwritten(lines: _Lines) -> Pair:
+    """The time of long rows is that of memory: a scan would fill and copy what it returns."""
+    lower, diagonal, upper, residual = lines
+    count, none = diagonal.shape[0], jnp.zeros(diagonal.shape[1])
+
+    def put(planes: tuple, rows: tuple, i: Array) -> tuple:
+        return tuple(
+            jax.lax.dynamic_update_index_in_dim(plane, row, i, 0)
+            for plane, row in zip(planes, rows, strict=True)
+        )
+
+    def down(i: Array, state: tuple) -> tuple:
+        planes, (u, x, y) = state
+        pivot = 1 / (diagonal[i] - lower[i] * u)
+        u = planes[0][i] * pivot
+        x, y = (
+            (plane[i] + lower[i] * v) * pivot for plane, v in zip(planes[1:], (x, y), strict=True)
+        )
+        return put(planes, (u, x, y), i), (u, x, y)
+
+    (upper, *residual), _ = jax.lax.fori_loop(
+        0, count, down, ((upper, *residual), (none, none, none))
+    )
+
+    def up(k: Array, state: tuple) -> tuple:
+        planes, after = state
+        i = count - 1 - k
+        here = tuple(plane[i] + upper[i] * v for plane, v in zip(planes, after, strict=True))
+        return put(planes, here, i), here
+
+    return jax.lax.fori_loop(0, count, up, (tuple(residual), (none, none)))[0]
 
 
 class AbstractOperator:
@@ -152,7 +183,7 @@ def _line_matrix(
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class GridEquations(AbstractOperator):
-    """The equations of `winslow`; controls as planes, walls included."""
+    """The equations of `winslow`; controls as planes, walls included, or scalars."""
 
     controls: ControlFunctions
 
@@ -166,10 +197,10 @@ class GridEquations(AbstractOperator):
         matrix = _line_matrix(a, c, by_xi, by_eta, nodes.axis)
         return _Lines(*matrix, nodes.less((left(x), left(y)), f))
 
-    def coarser(self) -> "GridEquations":
-        ni, nj = self.controls.phi.shape
-        xi, eta = (ni - 1) / (coarser(ni) - 1), (nj - 1) / (coarser(nj) - 1)
-        phi, psi, p, q = map(restricted, self.controls)
+    def coarser(self, shape: tuple[int, int]) -> "GridEquations":
+        """The equations on the lattice next to this one, of that shape."""
+        xi, eta = ((count - 1) / (coarser(count) - 1) for count in shape)
+        phi, psi, p, q = (u if u.ndim == 0 else restricted(u) for u in self.controls)
         return GridEquations(ControlFunctions(phi * xi, psi * eta, p / xi, q / eta))
 
 
@@ -277,7 +308,11 @@ class Transposed(AbstractOperator):
 
 def equations_of(controls: ControlFunctions) -> GridEquations:
     """The equations with controls given at the interior nodes."""
-    return GridEquations(ControlFunctions(*(jnp.pad(field, 1, mode="edge") for field in controls)))
+    return GridEquations(
+        ControlFunctions(
+            *(jnp.pad(field, 1, mode="edge") if field.ndim else field for field in controls)
+        )
+    )
 
 
 def mean_correction(equations: GridEquations, u: Pair) -> Float[Array, ""]:

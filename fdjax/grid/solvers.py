@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from fdjax.grid import block_tridiagonal, multigrid, operators, winslow
 from fdjax.grid.algebraic import between_walls
 from fdjax.grid.operators import GridEquations
-from fdjax.grid.transfer import Pair, planes, points
+from fdjax.grid.transfer import Pair, each, planes, points
 from fdjax.grid.winslow import ControlFunctions
 
 CONVERGED, STALLED, TOO_LONG = 0, 1, 2
@@ -128,9 +128,10 @@ def _measured(
 
     The last is as asked, but not below what rounding leaves.
     """
-    first = unit = winslow.mean_correction(start, controls)
+    equations = operators.equations_of(controls)
+    first = unit = operators.mean_correction(equations, planes(start))
     if warm is not False:
-        cold = winslow.mean_correction(between_walls(start), controls)
+        cold = operators.mean_correction(equations, planes(between_walls(start)))
         unit = jnp.where(warm, cold, first)
     least = 8 * jnp.finfo(start.dtype).eps * jnp.abs(start).max()
     return first, unit, jnp.maximum(tolerance * unit, least)
@@ -189,10 +190,9 @@ def _iterate(
 
 
 class _Trial(NamedTuple):
-    """A lattice on the way to a new one, and how good it is."""
+    """A share of the way to a new lattice, and how good the lattice there is."""
 
     share: Array
-    u: Pair
     size: Float[Array, ""]
     folded: Bool[Array, ""]
 
@@ -214,28 +214,30 @@ def _cut_back(
     """
     keep_unfolded = ~operators.folded(u)
 
-    def judged(share: Array, there: Pair) -> _Trial:
-        return _Trial(
-            share, there, operators.mean_correction(equations, there), operators.folded(there)
+    def at(share: Array) -> Pair:
+        return each(
+            lambda old, new: jnp.where(share == 1, new, old + share * (new - old)), u, trial
         )
+
+    def judged(share: Array) -> _Trial:
+        there = at(share)
+        return _Trial(share, operators.mean_correction(equations, there), operators.folded(there))
 
     def good(state: _Trial) -> Array:
         return (state.size < size) & ~(keep_unfolded & state.folded)
 
-    def halved(state: _Trial) -> _Trial:
-        share = state.share / 2
-        return judged(share, jax.tree.map(lambda old, new: old + share * (new - old), u, trial))
-
-    whole = judged(jnp.ones(()), trial)
+    whole = judged(jnp.ones(()))
     found = jax.lax.while_loop(
-        lambda state: ~good(state) & (state.share > 0.5**halvings), halved, whole
+        lambda state: ~good(state) & (state.share > 0.5**halvings),
+        lambda state: judged(state.share / 2),
+        whole,
     )
     taken = good(found)
     if or_whole:
         forward = ~taken & (whole.size < size)
         found = jax.tree.map(lambda one, other: jnp.where(forward, one, other), whole, found)
         taken = taken | forward
-    u = jax.tree.map(lambda old, new: jnp.where(taken, new, old), u, found.u)
+    u = each(lambda old, new: jnp.where(taken, new, old), u, at(found.share))
     return u, jnp.where(taken, found.size, size), taken
 
 
@@ -293,7 +295,7 @@ class Multigrid(AbstractSolver):
         self, start: Float[Array, "ni nj 2"], controls: ControlFunctions, warm: Bool[Array, ""]
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
         equations, begun = operators.equations_of(controls), planes(start)
-        levels = multigrid.hierarchy(equations)
+        levels = multigrid.hierarchy(equations, (start.shape[0], start.shape[1]))
         first, unit, goal = _measured(start, controls, self.tolerance, warm)
 
         def step(state: tuple) -> tuple:
@@ -333,6 +335,7 @@ class SOR(AbstractSolver):
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
         ni, nj = start.shape[:2]
         first, unit, goal = _measured(start, controls, self.tolerance, warm)
+        controls = ControlFunctions(*(jnp.broadcast_to(f, (ni - 2, nj - 2)) for f in controls))
 
         def relax_node(k: Array, state: tuple) -> tuple:
             r, met = state

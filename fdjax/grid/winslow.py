@@ -20,14 +20,15 @@ from fdjax.grid.base import norm
 class ControlFunctions(NamedTuple):
     """Control functions per index step at the interior nodes, each of shape (ni - 2, nj - 2).
 
-    From values on the unit square: `phi / (ni - 1)`, `psi / (nj - 1)`, and P, Q multiplied by
-    `ni - 1`, `nj - 1`.
+    One that is the same everywhere may be a scalar: solvers need not read it node by node. From
+    values on the unit square: `phi / (ni - 1)`, `psi / (nj - 1)`, and P, Q multiplied by `ni - 1`,
+    `nj - 1`.
     """
 
-    phi: Float[Array, "i j"]
-    psi: Float[Array, "i j"]
-    p: Float[Array, "i j"]
-    q: Float[Array, "i j"]
+    phi: Float[Array, "i j"] | Float[Array, ""]
+    psi: Float[Array, "i j"] | Float[Array, ""]
+    p: Float[Array, "i j"] | Float[Array, ""]
+    q: Float[Array, "i j"] | Float[Array, ""]
 
 
 class Stencil(NamedTuple):

@@ -57,8 +57,16 @@ def transfinite(ni: int, nj: int) -> jax.Array:
 
 def constant(ni: int, nj: int, phi: float = 0.0, psi: float = 0.0) -> ControlFunctions:
     """Controls given as those per index step of a lattice of 51 x 51 nodes."""
-    zero = jnp.zeros((ni - 2, nj - 2))
+    zero = jnp.zeros(())
     return ControlFunctions(zero + phi * 50 / (ni - 1), zero + psi * 50 / (nj - 1), zero, zero)
+
+
+def fields(ni: int, nj: int, phi: float = 0.0, psi: float = 0.0) -> ControlFunctions:
+    """The same with phi and psi given node by node."""
+    given, inside = constant(ni, nj, phi, psi), (ni - 2, nj - 2)
+    return given._replace(
+        phi=jnp.broadcast_to(given.phi, inside), psi=jnp.broadcast_to(given.psi, inside)
+    )
 
 
 def timed(run: Callable[..., object], *arguments: object, repeats: int = 5) -> float:
@@ -137,7 +145,7 @@ def weighted(start: jax.Array, controls: ControlFunctions, weight: jax.Array) ->
 def gradient(sides: list[int]) -> None:
     print("gradient           compile s   warm s   to the solve   KiB a node: within, with ends")
     for side in sides:
-        start, controls = transfinite(side, side), constant(side, side, 0.03, -0.03)
+        start, controls = transfinite(side, side), fields(side, side, 0.03, -0.03)
         weight = weights(side)
         forward = jax.jit(weighted)
         cold(forward, start, controls, weight)
@@ -167,11 +175,9 @@ def many(count: int, side: int) -> tuple[jax.Array, ControlFunctions]:
     stretch = jnp.asarray(rng.uniform(0.7, 1.3, (count, 2, 1)))
     starts = start * stretch.swapaxes(1, 2)[:, None]
     pulls = jnp.asarray(rng.uniform(-1.5, 1.5, (count, 2, 1, 1)) / (side - 1))
-    controls = jax.vmap(
-        lambda pull: ControlFunctions(
-            *(constant(side, side)[k] + pull[k] for k in (0, 1)), *constant(side, side)[2:]
-        )
-    )(pulls)
+    flat = jnp.zeros((1, side - 2, side - 2))
+    none = jnp.zeros(count)
+    controls = ControlFunctions(flat + pulls[:, 0], flat + pulls[:, 1], none, none)
     return starts, controls
 
 
