@@ -60,7 +60,7 @@ def cycles(
     f: Pair | None,
     *,
     count: int = 1,
-    visits: tuple[int, ...] = (2, 2),
+    visits: tuple[int, ...] = (2,),
     fresh: Any = False,
     linear: bool = False,
 ) -> Pair:
@@ -86,7 +86,7 @@ def cycles(
 
     def visit(number: Any, u: Pair) -> Pair:
         starting = number == 0
-        u = operator.relaxed(u, f, 0)
+        u = jax.lax.fori_loop(0, 2, lambda _, u: operator.relaxed(u, f, 0), u)
         residual = each(restricted_residual, operator.residual(u, f))
         coarse = none if linear else each(restricted, u)
         own = rest[0].residual(coarse)

@@ -85,19 +85,31 @@ class _Lines(NamedTuple):
     residual: Pair
 
 
+_FEW = 500
+"""Nodes of a colour up to which lines are eliminated one by one, by LAPACK: compiled already."""
+
 _LONG = 250
 """Lines from which on writing over the systems is faster than scanning them."""
 
 
 def _solved(lines: _Lines, axis: int) -> Pair:
     """The change at the nodes, by Thomas' algorithm for all lines at once."""
+    if lines.diagonal.size <= _FEW:
+        return _solved_one_by_one(lines, axis)
     lines = jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines)
     solve = _overwritten if lines.diagonal.shape[1] >= _LONG else _scanned
     return each(lambda change: jnp.moveaxis(change, 0, axis), solve(lines))
 
 
+def _solved_one_by_one(lines: _Lines, axis: int) -> Pair:
+    lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, -1), lines)
+    lower, upper = lower.at[:, 0].set(0.0), upper.at[:, -1].set(0.0)
+    change = jax.lax.linalg.tridiagonal_solve(-lower, diagonal, -upper, jnp.stack(residual, -1))
+    return jnp.moveaxis(change[..., 0], -1, axis), jnp.moveaxis(change[..., 1], -1, axis)
+
+
 def _scanned(lines: _Lines) -> Pair:
-    moved = jnp.array([0.0, 1.0, 1.0])[:, None]
+    moved = jnp.array([0.0, 1.0, 1.0], lines.diagonal.dtype)[:, None]
 
     # The three unknowns are one array: the time of short rows is that of starting operations.
     def down(before: Array, row: tuple) -> tuple[Array, Array]:
@@ -106,7 +118,7 @@ def _scanned(lines: _Lines) -> Pair:
         here = (jnp.stack([upper, x, y]) + moved * lower * before) * pivot
         return here, here
 
-    none = jnp.zeros((3, lines.diagonal.shape[1]))
+    none = jnp.zeros((3, lines.diagonal.shape[1]), lines.diagonal.dtype)
     lower, diagonal, upper, residual = lines
     _, rows = jax.lax.scan(down, none, (lower, diagonal, upper, *residual))
 
@@ -121,7 +133,7 @@ def _scanned(lines: _Lines) -> Pair:
 def _overwritten(lines: _Lines) -> Pair:
     """The time of long rows is that of memory: a scan would fill and copy what it returns."""
     lower, diagonal, upper, residual = lines
-    count, none = diagonal.shape[0], jnp.zeros(diagonal.shape[1])
+    count, none = diagonal.shape[0], jnp.zeros_like(diagonal[0])
 
     def put(planes: tuple, rows: tuple, i: Array) -> tuple:
         return tuple(
