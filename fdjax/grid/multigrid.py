@@ -30,7 +30,7 @@ from fdjax.grid.transfer import (
 )
 
 _COARSEST = 17
-_MOST_LATTICES = 7
+_MOST_LATTICES = 6
 """Coarser and more lattices bring nothing but time to compile: sweeps solve the last one."""
 _SWEEPS_TO_START = 20
 
@@ -86,11 +86,14 @@ def cycles(
 
     def visit(number: Any, u: Pair) -> Pair:
         starting = number == 0
-        u = jax.lax.fori_loop(0, 2, lambda _, u: operator.relaxed(u, f, 0), u)
+        u = operator.relaxed(u, f, 0, sweeps=2)
         residual = each(restricted_residual, operator.residual(u, f))
         coarse = none if linear else each(restricted, u)
-        own = rest[0].residual(coarse)
-        goal = each(lambda n, r: jnp.where(starting, 0.0, n - r), own, residual)
+        if linear:
+            goal = each(jnp.negative, residual)
+        else:
+            own = rest[0].residual(coarse)
+            goal = each(lambda n, r: jnp.where(starting, 0.0, n - r), own, residual)
         found = cycles(
             rest,
             coarse,
@@ -138,7 +141,7 @@ def solve_linear(
     `directions`. Stops when the residual is `tolerance` of the right side; where `limit` cycles do
     not bring it below the root of that, the result is NaN.
     """
-    operator = levels[0]
+    operator, rough = levels[0], jax.tree.map(lambda u: u.astype(jnp.float32), levels)
     zero = each(jnp.zeros_like, rhs)
     size = _norm(rhs)
     past = each(lambda u: jnp.zeros((directions, *u.shape)), rhs)
@@ -147,7 +150,9 @@ def solve_linear(
         return (state.size > tolerance * size) & (state.steps < limit)
 
     def step(state: _Search) -> _Search:
-        way = cycles(levels, zero, state.residual, linear=True)
+        goal = each(lambda u: (u / state.size).astype(jnp.float32), state.residual)
+        way = cycles(rough, each(jnp.zeros_like, goal), goal, linear=True)
+        way = each(lambda u: u.astype(rhs[0].dtype), way)
         image = operator.residual(way)
         share = sum(
             (

@@ -6,6 +6,7 @@ at once. Everything is per index step of the lattice.
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -85,7 +86,7 @@ class _Lines(NamedTuple):
     residual: Pair
 
 
-_FEW = 500
+_FEW = 800
 """Nodes of a colour up to which lines are eliminated one by one, by LAPACK: compiled already."""
 
 _LONG = 250
@@ -174,13 +175,20 @@ class AbstractOperator:
         """N(u) - f, zero on the walls."""
         return each(lambda v: jnp.pad(v, 1), self.lines(u, f, _ALL).residual)
 
-    def relaxed(self, u: Pair, f: Pair | None, axis: int) -> Pair:
-        """u after zebra relaxation along the lines of an axis."""
-        for first in (1, 2):
-            nodes = _Nodes(axis, first)
-            change = _solved(self.lines(u, f, nodes), axis)
-            u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
-        return u
+    # Traced once for all places where a lattice is relaxed.
+    @partial(jax.jit, static_argnames=("axis", "sweeps"))
+    def relaxed(self, u: Pair, f: Pair | None, axis: int, sweeps: int = 1) -> Pair:
+        """u after zebra relaxation along the lines of an axis, so many times."""
+
+        def sweep(_: Any, u: Pair) -> Pair:
+            for first in (1, 2):
+                nodes = _Nodes(axis, first)
+                change = _solved(self.lines(u, f, nodes), axis)
+                u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
+            return u
+
+        # A loop, so that it is compiled once.
+        return sweep(0, u) if sweeps == 1 else jax.lax.fori_loop(0, sweeps, sweep, u)
 
 
 def _line_matrix(

@@ -149,7 +149,8 @@ def test_it_finds_what_newton_finds(domain, shape, pull):
 
 def test_cycles_stay_as_many_when_the_lattice_is_refined():
     counts = []
-    for side in (33, 65, 129):
+    # On 17 nodes, to which 33 are coarsened, this domain is hardly itself any more.
+    for side in (65, 129, 257):
         shape = (side, side)
         functions = controls(shape, 0.03 * 50 / (side - 1), -0.03 * 50 / (side - 1))
         _, report = solved(Multigrid(1e-8), transfinite(cosine_top(), shape), functions)
