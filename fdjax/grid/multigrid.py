@@ -30,7 +30,7 @@ from fdjax.grid.transfer import (
 )
 
 _COARSEST = 17
-_MOST_LATTICES = 6
+_MOST_LATTICES = 7
 """Coarser and more lattices bring nothing but time to compile: sweeps solve the last one."""
 _SWEEPS_TO_START = 20
 
