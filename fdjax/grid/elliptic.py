@@ -16,7 +16,7 @@ from fdjax.grid import block_tridiagonal, bspline, multigrid, operators, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite, between_walls
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.solvers import AbstractSolver, Multigrid, Report
-from fdjax.grid.transfer import planes, points
+from fdjax.grid.transfer import Pair, each, interior, planes, points
 from fdjax.grid.winslow import ControlFunctions
 from fdjax.precision import require_float64
 
@@ -84,32 +84,32 @@ def _solve_jvp(solver: AbstractSolver, warm: bool, primals: tuple, tangents: tup
     start_dot, controls_dot = tangents
     r, report = _solve(solver, warm, start, controls)
     boundary_dot = start_dot.at[1:-1, 1:-1].set(0.0)
-    _, residual_dot = jax.jvp(winslow.residual, (r, controls), (boundary_dot, controls_dot))
 
-    def apply(change: Array) -> Array:
-        inside = jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
-        return jax.jvp(lambda nodes: winslow.residual(nodes, controls), (r,), (inside,))[1]
+    def left(nodes: Array, functions: ControlFunctions) -> Pair:
+        return operators.equations_of(functions).residual(planes(nodes))
 
-    solve_forward, solve_transposed = _linear_solves(
-        r, controls, min(0.1 * solver.tolerance, LINEAR)
-    )
+    def apply(change: Pair) -> Pair:
+        return jax.jvp(lambda nodes: left(nodes, controls), (r,), (points(change),))[1]
+
+    _, residual_dot = jax.jvp(left, (r, controls), (boundary_dot, controls_dot))
+    solve_forward, solve_transposed = _linear_solves(r, controls, min(solver.tolerance, LINEAR))
     inside_dot = jax.lax.custom_linear_solve(
         apply,
-        -residual_dot,
+        each(jnp.negative, residual_dot),
         solve=lambda _, b: solve_forward(b),
         transpose_solve=lambda _, b: solve_transposed(b),
     )
-    r_dot = boundary_dot.at[1:-1, 1:-1].set(inside_dot)
+    r_dot = boundary_dot + points(each(interior, inside_dot))
     return (r, report), (r_dot, jax.tree.map(_no_tangent, report))
 
 
 ELIMINATED = 64
 """Lattices with at most so many nodes along each line are linearised by elimination."""
 
-LINEAR = 1e-9
-"""Residual that cycles leave of a linearised right side, or a tenth of the solver's tolerance."""
+LINEAR = 1e-8
+"""Residual that cycles leave of a linearised right side, or the solver's tolerance."""
 
-_Solve = Callable[[Float[Array, "i j 2"]], Float[Array, "i j 2"]]
+_Solve = Callable[[Pair], Pair]
 
 
 def _linear_solves(
@@ -117,25 +117,29 @@ def _linear_solves(
 ) -> tuple[_Solve, _Solve]:
     """Solutions of the linearised equations and of their transpose, for any number of right sides.
 
-    Elimination serves many right sides at little more than the cost of one, but its own cost grows
-    with the cube of a line's nodes; multigrid's grows with the nodes, for each right side.
+    Right sides and solutions are planes with zeros on the walls. Elimination serves many right
+    sides at little more than the cost of one, but its own cost grows with the cube of a line's
+    nodes; multigrid's grows with the nodes, for each right side.
     """
     if r.shape[1] <= ELIMINATED:
         factors = block_tridiagonal.factor(winslow.linearise(r, controls))
+
+        def by_elimination(eliminate: Callable[[Any, Array], Array]) -> _Solve:
+            def solve(rhs: Pair) -> Pair:
+                inside = eliminate(factors, points(rhs)[1:-1, 1:-1])
+                return planes(jnp.pad(inside, ((1, 1), (1, 1), (0, 0))))
+
+            return solve
+
         return (
-            lambda b: block_tridiagonal.solve(factors, b),
-            lambda b: block_tridiagonal.solve_transposed(factors, b),
+            by_elimination(block_tridiagonal.solve),
+            by_elimination(block_tridiagonal.solve_transposed),
         )
     equations, nodes = operators.equations_of(controls), planes(r)
 
     def by_cycles(operator: Any) -> _Solve:
         levels = multigrid.linear_levels(nodes, equations, operator)
-
-        def solve(b: Float[Array, "i j 2"]) -> Float[Array, "i j 2"]:
-            rhs = planes(jnp.pad(b, ((1, 1), (1, 1), (0, 0))))
-            return points(multigrid.solve_linear(levels, rhs, tolerance=tolerance))[1:-1, 1:-1]
-
-        return solve
+        return lambda rhs: multigrid.solve_linear(levels, rhs, tolerance=tolerance)
 
     return by_cycles(operators.Linearised), by_cycles(operators.Transposed)
 

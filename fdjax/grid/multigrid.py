@@ -1,9 +1,9 @@
 """Multigrid for the elliptic grid equations and for their linearisation, forward and transposed.
 
-Full approximation scheme (Brandt, Math. Comp. 31, 1977): zebra line relaxation along xi before and
-along eta after each coarse correction, and a start from the coarsest lattice upwards. Everything is
-per index step of its own lattice; a residual changes by the product of the steps' ratios, squared,
-from lattice to lattice.
+Full approximation scheme (Brandt, Math. Comp. 31, 1977): zebra line relaxation twice along xi
+before and once along eta after each coarse correction, and a start from the coarsest lattice
+upwards. Everything is per index step of its own lattice; a residual changes by the product of the
+steps' ratios, squared, from lattice to lattice.
 """
 
 from typing import Any, NamedTuple
@@ -138,8 +138,9 @@ def solve_linear(
     """Solution of a linear system by generalised conjugate residuals, a cycle each direction.
 
     GCR (Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20, 1983), truncated to the last
-    `directions`. Stops when the residual is `tolerance` of the right side; where `limit` cycles do
-    not bring it below the root of that, the result is NaN.
+    `directions`. Cycles only suggest directions: they run in single precision, at half the memory
+    traffic, and as many steps are needed as in double. Stops when the residual is `tolerance` of
+    the right side; where `limit` cycles do not bring it below the root of that, the result is NaN.
     """
     operator, rough = levels[0], jax.tree.map(lambda u: u.astype(jnp.float32), levels)
     zero = each(jnp.zeros_like, rhs)

@@ -1,7 +1,8 @@
 """Lattices as two planes, x and y apart, and their transfer between lattices of any size.
 
-The compiler is far faster with two planes than with one array of points. Transfers are bilinear,
-one axis at a time; the coarser lattice of an odd number of nodes takes every second one.
+The compiler is far faster with two planes than with one array of points. Transfers go one axis at a
+time. The coarser lattice of an odd number of nodes takes every second one, and is refined by cubic
+interpolation; all others are linear.
 """
 
 import math
