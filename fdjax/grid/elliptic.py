@@ -273,7 +273,7 @@ class Elliptic(eqx.Module):
         with; they are moved as the sides have moved. The result and its derivative are those of a
         cold start, to the solver's tolerance. Where eq. (8)'s domain has become 0.1 % (1 %) higher,
         Newton's method takes 2 (3) steps instead of 7 on 51 x 51 nodes; multigrid, whose cold start
-        is good already, 13 (15) cycles instead of 17 on 65 x 65. Raises `InputError` for a start of
+        is good already, 10 (11) cycles instead of 12 on 65 x 65. Raises `InputError` for a start of
         another shape.
         """
         cold, controls = self.problem()
