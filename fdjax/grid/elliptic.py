@@ -92,7 +92,9 @@ def _solve_jvp(solver: AbstractSolver, warm: bool, primals: tuple, tangents: tup
         return jax.jvp(lambda nodes: left(nodes, controls), (r,), (points(change),))[1]
 
     _, residual_dot = jax.jvp(left, (r, controls), (boundary_dot, controls_dot))
-    solve_forward, solve_transposed = _linear_solves(r, controls, min(solver.tolerance, LINEAR))
+    solve_forward, solve_transposed = _linear_solves(
+        r, controls, min(0.1 * solver.tolerance, LINEAR)
+    )
     inside_dot = jax.lax.custom_linear_solve(
         apply,
         each(jnp.negative, residual_dot),
@@ -106,8 +108,8 @@ def _solve_jvp(solver: AbstractSolver, warm: bool, primals: tuple, tangents: tup
 ELIMINATED = 64
 """Lattices with at most so many nodes along each line are linearised by elimination."""
 
-LINEAR = 1e-8
-"""Residual that cycles leave of a linearised right side, or the solver's tolerance."""
+LINEAR = 1e-9
+"""Residual that cycles leave of a linearised right side, or a tenth of the solver's tolerance."""
 
 _Solve = Callable[[Pair], Pair]
 
@@ -256,8 +258,8 @@ class Elliptic(eqx.Module):
         controls = ControlFunctions(
             jnp.asarray(self.phi / (ni - 1) + self.phi_index),
             jnp.asarray(self.psi / (nj - 1) + self.psi_index),
-            jnp.asarray(self.p * (ni - 1)),
-            jnp.asarray(self.q * (nj - 1)),
+            jnp.asarray(self.p * float(ni - 1)),
+            jnp.asarray(self.q * float(nj - 1)),
         )
         if self.follow_sides:
             side_phi, side_psi = winslow.boundary_controls(start)
