@@ -82,16 +82,15 @@ def cycles(
         return jax.lax.fori_loop(
             0, sweeps, lambda _, u: operator.relaxed(operator.relaxed(u, f, 0), f, 1), u
         )
-    none = each(lambda v: jnp.zeros_like(restricted(v)), u)
 
     def visit(number: Any, u: Pair) -> Pair:
         starting = number == 0
         u = operator.relaxed(u, f, 0, sweeps=2)
         residual = each(restricted_residual, operator.residual(u, f))
-        coarse = none if linear else each(restricted, u)
         if linear:
-            goal = each(jnp.negative, residual)
+            coarse, goal = each(jnp.zeros_like, residual), each(jnp.negative, residual)
         else:
+            coarse = each(restricted, u)
             own = rest[0].residual(coarse)
             goal = each(lambda n, r: jnp.where(starting, 0.0, n - r), own, residual)
         found = cycles(

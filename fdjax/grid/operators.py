@@ -188,7 +188,7 @@ class AbstractOperator:
             return u
 
         # A loop, so that it is compiled once.
-        return sweep(0, u) if sweeps == 1 else jax.lax.fori_loop(0, sweeps, sweep, u)
+        return jax.lax.fori_loop(0, sweeps, sweep, u)
 
 
 def _line_matrix(
@@ -336,7 +336,7 @@ def equations_of(controls: ControlFunctions) -> GridEquations:
 
 
 def mean_correction(equations: GridEquations, u: Pair) -> Float[Array, ""]:
-    """What `winslow.mean_correction` gives, from planes."""
+    """Mean absolute Gauss-Seidel correction of a coordinate, mm: the measure of convergence."""
     lines = equations.lines(u, None, _ALL)
     x, y = lines.residual
     return _total((jnp.abs(x) + jnp.abs(y)) / lines.diagonal) / (2 * x.size)

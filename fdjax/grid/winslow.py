@@ -86,11 +86,6 @@ def correction(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> Float[
     return residual(r, controls) / (2 * (_dot(d.eta, d.eta) + _dot(d.xi, d.xi)))
 
 
-def mean_correction(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> Float[Array, ""]:
-    """Mean absolute Gauss-Seidel correction of a coordinate, mm: the measure of convergence."""
-    return jnp.abs(correction(r, controls)).mean()
-
-
 def linearise(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> Stencil:
     """Derivative of `residual` with respect to the nodes, as a nine-point stencil of blocks."""
     d = _differences(r)

@@ -7,12 +7,13 @@ and the tests share few shapes.
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from shapely import Polygon
 
 from fdjax.domain.curve import arc
 from fdjax.domain.patch import from_curves, from_polygon
-from fdjax.grid import elliptic
+from fdjax.grid import elliptic, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite
 from fdjax.grid.base import Sides
 from fdjax.grid.winslow import ControlFunctions
@@ -33,6 +34,12 @@ solved = quick_jit(elliptic.solve, static_argnums=(0, 3))
 def evaluate(function, *arguments):
     """The value of a map, a spacing or any callable pytree."""
     return function(*arguments)
+
+
+@quick_jit
+def mean_correction(lattice, functions):
+    """Mean absolute Gauss-Seidel correction of a coordinate, mm."""
+    return jnp.abs(winslow.correction(lattice, functions)).mean()
 
 
 def places(ni, nj):

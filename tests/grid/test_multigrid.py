@@ -8,6 +8,7 @@ from grid_samples import (
     chevron,
     circle,
     controls,
+    mean_correction,
     quick_jit,
     random_case,
     solved,
@@ -63,7 +64,7 @@ def test_the_mean_correction_and_folds_are_those_of_winslow():
     lattice, functions = random_case((9, 12), 5)
     nodes = transfer.planes(jnp.asarray(lattice))
     got = operators.mean_correction(operators.equations_of(functions), nodes)
-    assert float(got) == pytest.approx(float(winslow.mean_correction(lattice, functions)))
+    assert float(got) == pytest.approx(float(mean_correction(lattice, functions)))
     assert not operators.folded(nodes)
     turned = lattice[::-1]
     assert operators.folded(transfer.planes(jnp.asarray(turned)))

@@ -7,13 +7,12 @@ from grid_samples import (
     bumped,
     chevron,
     controls,
-    quick_jit,
+    mean_correction,
     solved,
     transfinite,
 )
 
 from fdjax.domain.patch import cosine_top, rectangle
-from fdjax.grid import winslow
 from fdjax.grid.operators import corner_jacobians
 from fdjax.grid.solvers import SOR, Newton
 from fdjax.grid.transfer import planes
@@ -21,7 +20,6 @@ from fdjax.units import MICROSTEP
 
 EXACT = Newton(tolerance=1e-12)
 ONE_STEP, ONE_SWEEP = Newton(max_steps=1), SOR(max_sweeps=1)
-mean_correction = quick_jit(winslow.mean_correction)
 
 PAPER = (51, 31)
 """Nodes of the paper's Figure 6."""
