@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax.scipy.linalg import lu_factor, lu_solve
 from jaxtyping import Array, Float
 
-from fdjax.grid.winslow import Stencil
+from fdjax.grid.operators import Stencil
 
 
 class Factors(NamedTuple):
@@ -29,7 +29,7 @@ def _lines(stencil: Stencil) -> tuple[Array, Array, Array]:
     def block(row: tuple[Array, ...]) -> Array:
         below, on, above = row
         i, j = on.shape[:2]
-        dense = jnp.zeros((i, j, 2, j, 2))
+        dense = jnp.zeros((i, j, 2, j, 2), on.dtype)
         at = jnp.arange(j)
         # Advanced indices apart put the indexed axis first, hence the swaps.
         dense = dense.at[:, at, :, at].set(on.swapaxes(0, 1))

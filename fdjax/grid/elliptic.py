@@ -16,7 +16,7 @@ from fdjax.grid import block_tridiagonal, bspline, multigrid, operators, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite, between_walls
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.solvers import AbstractSolver, Multigrid, Report
-from fdjax.grid.transfer import Pair, each, interior, planes, points
+from fdjax.grid.transfer import Pair, each, interior, planes, points, walled
 from fdjax.grid.winslow import ControlFunctions
 from fdjax.precision import require_float64
 
@@ -123,13 +123,14 @@ def _linear_solves(
     sides at little more than the cost of one, but its own cost grows with the cube of a line's
     nodes; multigrid's grows with the nodes, for each right side.
     """
+    terms = operators.derivative(planes(r), operators.equations_of(controls))
     if r.shape[1] <= ELIMINATED:
-        factors = block_tridiagonal.factor(winslow.linearise(r, controls))
+        factors = block_tridiagonal.factor(operators.stencil(terms))
 
         def by_elimination(eliminate: Callable[[Any, Array], Array]) -> _Solve:
             def solve(rhs: Pair) -> Pair:
                 inside = eliminate(factors, points(rhs)[1:-1, 1:-1])
-                return planes(jnp.pad(inside, ((1, 1), (1, 1), (0, 0))))
+                return planes(walled(inside))
 
             return solve
 
@@ -137,13 +138,12 @@ def _linear_solves(
             by_elimination(block_tridiagonal.solve),
             by_elimination(block_tridiagonal.solve_transposed),
         )
-    equations, nodes = operators.equations_of(controls), planes(r)
 
-    def by_cycles(operator: Any) -> _Solve:
-        levels = multigrid.linear_levels(nodes, equations, operator)
-        return lambda rhs: multigrid.solve_linear(levels, rhs, tolerance=tolerance)
+    def by_cycles(operator: operators.AbstractLinear) -> _Solve:
+        levels = multigrid.linear_levels(operator)
+        return lambda rhs: multigrid.solve_linear(operator, levels, rhs, tolerance=tolerance)
 
-    return by_cycles(operators.Linearised), by_cycles(operators.Transposed)
+    return by_cycles(operators.Linearised(terms)), by_cycles(operators.Transposed(terms))
 
 
 def _no_tangent(value: Array) -> Array:

@@ -1,97 +1,144 @@
 """Multigrid for the elliptic grid equations and for their linearisation, forward and transposed.
 
-Full approximation scheme (Brandt, Math. Comp. 31, 1977): zebra line relaxation twice along xi
-before and once along eta after each coarse correction, and a start from the coarsest lattice
-upwards. Everything is per index step of its own lattice; a residual changes by the product of the
-steps' ratios, squared, from lattice to lattice.
+Full approximation scheme (Brandt, Math. Comp. 31, 1977): zebra line relaxation along xi and eta
+before and along xi after each coarse correction, and a start from the coarsest lattice upwards.
+Everything is per index step of its own lattice; a residual changes by the product of the steps'
+ratios, squared, from lattice to lattice.
 """
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from fdjax.grid import block_tridiagonal
 from fdjax.grid.operators import (
+    AbstractLinear,
+    AbstractOperator,
     GridEquations,
-    Linearised,
     Transposed,
-    derivative,
+    stencil,
 )
 from fdjax.grid.transfer import (
     Pair,
-    Plane,
-    coarser,
     each,
+    halved,
     interior,
+    planes,
+    points,
     prolonged,
     restricted,
     restricted_residual,
+    walled,
 )
 
+Shape = tuple[int, int]
+
 _COARSEST = 17
-_MOST_LATTICES = 7
-"""Coarser and more lattices bring nothing but time to compile: sweeps solve the last one."""
 _SWEEPS_TO_START = 20
+_STEPWISE = 2
+"""So many lattices are halved once, all coarser ones twice: more lattices bring nothing but time to
+compile."""
+
+_VISITS = (2, 2)
+"""How often a lattice visits the next coarser one in a cycle, finest first, 1 below."""
 
 
-def _shape(u: Plane) -> tuple[int, int]:
-    return u.shape[0], u.shape[1]
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Level:
+    """An operator on one lattice of a hierarchy."""
+
+    operator: AbstractOperator
+    shape: Shape = field(metadata={"static": True})
+
+    def solved(self, u: Pair, f: Pair | None, fresh: Any) -> Pair:
+        """u after many relaxations, for the coarsest lattice."""
+        enough = max(self.shape) ** 2 // 33
+        sweeps = jnp.where(fresh, max(_SWEEPS_TO_START, enough), enough)
+
+        def sweep(_: Any, u: Pair) -> Pair:
+            return self.operator.relaxed(self.operator.relaxed(u, f, 0), f, 1)
+
+        return jax.lax.fori_loop(0, sweeps, sweep, u)
 
 
-def _depth(shape: tuple[int, int], most: int = _MOST_LATTICES) -> int:
-    coarse = coarser(shape[0]), coarser(shape[1])
-    last = most == 1 or max(shape) <= _COARSEST or coarse == shape
-    return 1 if last else 1 + _depth(coarse, most - 1)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Eliminated:
+    """The coarsest lattice of a linear hierarchy, eliminated once for all visits."""
+
+    factors: block_tridiagonal.Factors
+    shape: Shape = field(metadata={"static": True})
+    transposed: bool = field(metadata={"static": True})
+
+    def solved(self, u: Pair, f: Pair, fresh: Any) -> Pair:
+        """The solution, whatever u."""
+        solve = block_tridiagonal.solve_transposed if self.transposed else block_tridiagonal.solve
+        return planes(walled(solve(self.factors, points(f)[1:-1, 1:-1])))
 
 
-def hierarchy(equations: GridEquations, shape: tuple[int, int]) -> list[GridEquations]:
-    """The equations on all lattices, finest first; the finest has that shape."""
-    levels = [equations]
-    for _ in range(_depth(shape) - 1):
-        levels.append(levels[-1].coarser(shape))
-        shape = coarser(shape[0]), coarser(shape[1])
+def _lattices(shape: Shape, last: Callable[[Shape], bool]) -> list[Shape]:
+    """The lattices of a hierarchy, finest first, down to the last."""
+    shapes = [shape]
+    while not last(shape):
+        for _ in range(1 if len(shapes) <= _STEPWISE else 2):
+            shape = shape if last(shape) else halved(shape)
+        if shape == shapes[-1]:
+            break
+        shapes.append(shape)
+    return shapes
+
+
+def _hierarchy(operator: Any, shapes: Sequence[Shape]) -> list[Any]:
+    levels = [Level(operator, shapes[0])]
+    for shape in shapes[1:]:
+        finer = levels[-1]
+        levels.append(Level(finer.operator.coarser(finer.shape, shape), shape))
     return levels
 
 
+def hierarchy(equations: GridEquations, shape: Shape) -> list[Level]:
+    """The equations on all lattices, finest first; the finest has that shape."""
+    return _hierarchy(equations, _lattices(shape, lambda shape: max(shape) <= _COARSEST))
+
+
 def cycles(
-    levels: Any,
+    levels: Sequence[Any],
     u: Pair,
     f: Pair | None,
     *,
     count: int = 1,
-    visits: tuple[int, ...] = (2,),
+    visits: tuple[int, ...] = _VISITS,
     fresh: Any = False,
     linear: bool = False,
 ) -> Pair:
     """u after `count` multigrid cycles for N(u) = f, or = 0 without f.
 
-    - `levels`: the operators on all lattices, finest first.
+    - `levels`: a hierarchy, finest first.
     - `fresh`: whether to begin with a solution on the next coarser lattice, found in the same way:
       a full-multigrid start, for f = 0 only. May be traced.
     - `linear`: for linear operators: coarse changes start from zero.
-    - `visits`: how often a lattice visits the next coarser one in a cycle, finest first, 1 below:
-      the coarsest ones cost more time than they bring.
 
     All visits of a lattice share one loop, so that each is compiled once.
     """
-    operator, *rest = levels
+    level, *rest = levels
     if not rest:
-        enough = max(_shape(u[0])) ** 2 // 33
-        sweeps = jnp.where(fresh, max(_SWEEPS_TO_START, enough), enough)
-        return jax.lax.fori_loop(
-            0, sweeps, lambda _, u: operator.relaxed(operator.relaxed(u, f, 0), f, 1), u
-        )
+        return level.solved(u, f, fresh)
+    operator, shape, coarse_shape = level.operator, level.shape, rest[0].shape
 
     def visit(number: Any, u: Pair) -> Pair:
         starting = number == 0
-        u = operator.relaxed(u, f, 0, sweeps=2)
-        residual = each(restricted_residual, operator.residual(u, f))
+        u = operator.relaxed(operator.relaxed(u, f, 0), f, 1)
+        residual = each(lambda v: restricted_residual(v, coarse_shape), operator.residual(u, f))
         if linear:
             coarse, goal = each(jnp.zeros_like, residual), each(jnp.negative, residual)
         else:
-            coarse = each(restricted, u)
-            own = rest[0].residual(coarse)
+            coarse = each(lambda v: restricted(v, coarse_shape), u)
+            own = rest[0].operator.residual(coarse)
             goal = each(lambda n, r: jnp.where(starting, 0.0, n - r), own, residual)
         found = cycles(
             rest,
@@ -102,22 +149,22 @@ def cycles(
             fresh=starting,
             linear=linear,
         )
-        change = each(lambda new, old: prolonged(new - old, _shape(u[0])), found, coarse)
-        u = each(lambda v, d: v + interior(d), u, change)
-        return operator.relaxed(u, f, 1)
+        change = each(lambda new, old: prolonged(new - old, shape), found, coarse)
+        return operator.relaxed(each(lambda v, d: v + interior(d), u, change), f, 0)
 
     return jax.lax.fori_loop(jnp.where(fresh, 0, 1), 1 + count, visit, u)
 
 
-def linear_levels(
-    r: Pair, equations: GridEquations, operator: type[Linearised] | type[Transposed]
-) -> list[Any]:
-    """The equations linearised at the lattice r, on all lattices, or their transposes."""
-    levels = []
-    for level in hierarchy(equations, _shape(r[0])):
-        levels.append(operator(derivative(r, level)))
-        r = each(restricted, r)
-    return levels
+def linear_levels(operator: AbstractLinear) -> list[Any]:
+    """A hierarchy in single precision, of which the coarsest lattice is eliminated.
+
+    That costs about as many operations as relaxing the finest lattice does.
+    """
+    _, ni, nj = operator.terms.shape
+    shapes = _lattices((ni, nj), lambda shape: shape[0] * shape[1] ** 3 <= 20 * ni * nj)
+    *levels, last = _hierarchy(type(operator)(operator.terms.astype(jnp.float32)), shapes)
+    factors = block_tridiagonal.factor(stencil(last.operator.terms))
+    return [*levels, Eliminated(factors, last.shape, isinstance(operator, Transposed))]
 
 
 class _Search(NamedTuple):
@@ -132,16 +179,22 @@ class _Search(NamedTuple):
 
 
 def solve_linear(
-    levels: Any, rhs: Pair, *, tolerance: float = 1e-11, directions: int = 6, limit: int = 60
+    operator: AbstractLinear,
+    levels: Sequence[Any],
+    rhs: Pair,
+    *,
+    tolerance: float = 1e-11,
+    directions: int = 6,
+    limit: int = 60,
 ) -> Pair:
     """Solution of a linear system by generalised conjugate residuals, a cycle each direction.
 
     GCR (Eisenstat, Elman and Schultz, SIAM J. Numer. Anal. 20, 1983), truncated to the last
-    `directions`. Cycles only suggest directions: they run in single precision, at half the memory
-    traffic, and as many steps are needed as in double. Stops when the residual is `tolerance` of
-    the right side; where `limit` cycles do not bring it below the root of that, the result is NaN.
+    `directions`. Cycles over the operator's `linear_levels` only suggest directions: in single
+    precision, at half the memory traffic, as many steps are needed as in double. Stops when the
+    residual is `tolerance` of the right side; where `limit` cycles do not bring it below the root
+    of that, the result is NaN.
     """
-    operator, rough = levels[0], jax.tree.map(lambda u: u.astype(jnp.float32), levels)
     zero = each(jnp.zeros_like, rhs)
     size = _norm(rhs)
     past = each(lambda u: jnp.zeros((directions, *u.shape)), rhs)
@@ -151,7 +204,7 @@ def solve_linear(
 
     def step(state: _Search) -> _Search:
         goal = each(lambda u: (u / state.size).astype(jnp.float32), state.residual)
-        way = cycles(rough, each(jnp.zeros_like, goal), goal, linear=True)
+        way = cycles(levels, each(jnp.zeros_like, goal), goal, linear=True)
         way = each(lambda u: u.astype(rhs[0].dtype), way)
         image = operator.residual(way)
         share = sum(

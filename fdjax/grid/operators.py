@@ -7,13 +7,13 @@ at once. Everything is per index step of the lattice.
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from fdjax.grid.transfer import Pair, Plane, coarser, each, restricted
+from fdjax.grid.transfer import Pair, Plane, each, restricted, walled
 from fdjax.grid.winslow import ControlFunctions
 
 
@@ -47,14 +47,14 @@ class _Nodes(NamedTuple):
             cuts.append(slice(start + offset, u.shape[axis] - 1 + offset, step))
         return u[tuple(cuts)]
 
-    def spread(self, values: Array, shape: tuple[int, int]) -> Plane:
+    def spread(self, values: Array, shape: tuple[int, ...]) -> Plane:
         """A plane with these values at the nodes and zeros elsewhere."""
-        padding = []
+        padding = [(0, 0, 0)] * values.ndim
         for axis in (0, 1):
             skip = self.first and axis != self.axis
             start, step = (self.first, 2) if skip else (1, 1)
             end = shape[axis] - start - (step * (values.shape[axis] - 1) + 1)
-            padding.append((start, end, step - 1))
+            padding[axis] = (start, end, step - 1)
         return jax.lax.pad(values, jnp.zeros((), values.dtype), padding)
 
     def less(self, values: Pair, f: Pair | None) -> Pair:
@@ -89,50 +89,24 @@ class _Lines(NamedTuple):
 _FEW = 800
 """Nodes of a colour up to which lines are eliminated one by one, by LAPACK: compiled already."""
 
-_LONG = 250
-"""Lines from which on writing over the systems is faster than scanning them."""
-
 
 def _solved(lines: _Lines, axis: int) -> Pair:
     """The change at the nodes, by Thomas' algorithm for all lines at once."""
     if lines.diagonal.size <= _FEW:
         return _solved_one_by_one(lines, axis)
-    lines = jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines)
-    solve = _overwritten if lines.diagonal.shape[1] >= _LONG else _scanned
-    return each(lambda change: jnp.moveaxis(change, 0, axis), solve(lines))
+    change = _overwritten(jax.tree.map(lambda u: jnp.moveaxis(u, axis, 0), lines))
+    return each(lambda u: jnp.moveaxis(u, 0, axis), change)
 
 
 def _solved_one_by_one(lines: _Lines, axis: int) -> Pair:
     lower, diagonal, upper, residual = jax.tree.map(lambda u: jnp.moveaxis(u, axis, -1), lines)
-    lower, upper = lower.at[:, 0].set(0.0), upper.at[:, -1].set(0.0)
+    lower, upper = lower.at[..., 0].set(0.0), upper.at[..., -1].set(0.0)
     change = jax.lax.linalg.tridiagonal_solve(-lower, diagonal, -upper, jnp.stack(residual, -1))
     return jnp.moveaxis(change[..., 0], -1, axis), jnp.moveaxis(change[..., 1], -1, axis)
 
 
-def _scanned(lines: _Lines) -> Pair:
-    moved = jnp.array([0.0, 1.0, 1.0], lines.diagonal.dtype)[:, None]
-
-    # The three unknowns are one array: the time of short rows is that of starting operations.
-    def down(before: Array, row: tuple) -> tuple[Array, Array]:
-        lower, diagonal, upper, x, y = row
-        pivot = 1 / (diagonal - lower * before[0])
-        here = (jnp.stack([upper, x, y]) + moved * lower * before) * pivot
-        return here, here
-
-    none = jnp.zeros((3, lines.diagonal.shape[1]), lines.diagonal.dtype)
-    lower, diagonal, upper, residual = lines
-    _, rows = jax.lax.scan(down, none, (lower, diagonal, upper, *residual))
-
-    def up(after: Array, row: Array) -> tuple[Array, Array]:
-        here = row[1:] + row[0] * after
-        return here, here
-
-    _, change = jax.lax.scan(up, none[1:], rows, reverse=True)
-    return change[:, 0], change[:, 1]
-
-
 def _overwritten(lines: _Lines) -> Pair:
-    """The time of long rows is that of memory: a scan would fill and copy what it returns."""
+    """Written over the systems: a scan would fill and copy what it returns."""
     lower, diagonal, upper, residual = lines
     count, none = diagonal.shape[0], jnp.zeros_like(diagonal[0])
 
@@ -171,24 +145,23 @@ class AbstractOperator:
     def lines(self, u: Pair, f: Pair | None, nodes: _Nodes) -> _Lines:
         """Line systems for the change of u at `nodes`; the residual is N(u) - f."""
 
+    @abstractmethod
+    def coarser(self, shape: tuple[int, int], coarse: tuple[int, int]) -> Self:
+        """The equation on a coarser lattice than this one, which has that shape."""
+
     def residual(self, u: Pair, f: Pair | None = None) -> Pair:
         """N(u) - f, zero on the walls."""
-        return each(lambda v: jnp.pad(v, 1), self.lines(u, f, _ALL).residual)
+        return each(walled, self.lines(u, f, _ALL).residual)
 
     # Traced once for all places where a lattice is relaxed.
-    @partial(jax.jit, static_argnames=("axis", "sweeps"))
-    def relaxed(self, u: Pair, f: Pair | None, axis: int, sweeps: int = 1) -> Pair:
-        """u after zebra relaxation along the lines of an axis, so many times."""
-
-        def sweep(_: Any, u: Pair) -> Pair:
-            for first in (1, 2):
-                nodes = _Nodes(axis, first)
-                change = _solved(self.lines(u, f, nodes), axis)
-                u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
-            return u
-
-        # A loop, so that it is compiled once.
-        return jax.lax.fori_loop(0, sweeps, sweep, u)
+    @partial(jax.jit, static_argnames="axis")
+    def relaxed(self, u: Pair, f: Pair | None, axis: int) -> Pair:
+        """u after zebra relaxation along the lines of an axis."""
+        for first in (1, 2):
+            nodes = _Nodes(axis, first)
+            change = _solved(self.lines(u, f, nodes), axis)
+            u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
+        return u
 
 
 def _line_matrix(
@@ -217,11 +190,16 @@ class GridEquations(AbstractOperator):
         matrix = _line_matrix(a, c, by_xi, by_eta, nodes.axis)
         return _Lines(*matrix, nodes.less((left(x), left(y)), f))
 
-    def coarser(self, shape: tuple[int, int]) -> "GridEquations":
-        """The equations on the lattice next to this one, of that shape."""
-        xi, eta = ((count - 1) / (coarser(count) - 1) for count in shape)
-        phi, psi, p, q = (u if u.ndim == 0 else restricted(u) for u in self.controls)
+    def coarser(self, shape: tuple[int, int], coarse: tuple[int, int]) -> "GridEquations":
+        xi, eta = _ratios(shape, coarse)
+        phi, psi, p, q = (u if u.ndim == 0 else restricted(u, coarse) for u in self.controls)
         return GridEquations(ControlFunctions(phi * xi, psi * eta, p / xi, q / eta))
+
+
+def _ratios(shape: tuple[int, int], coarse: tuple[int, int]) -> tuple[float, float]:
+    """Steps of a coarse lattice in those of a fine one."""
+    xi, eta = ((n - 1) / (m - 1) for n, m in zip(shape, coarse, strict=True))
+    return xi, eta
 
 
 def _coefficients(
@@ -233,22 +211,13 @@ def _coefficients(
     return a, x.xi * x.eta + y.xi * y.eta, c, a * phi + square * p, c * psi + square * q
 
 
-class Derivative(NamedTuple):
-    """The linearised equations at the interior nodes, per index step.
+def derivative(u: Pair, equations: GridEquations) -> Float[Array, "11 ni nj"]:
+    """The equations linearised at the lattice u, per index step.
 
-    `a v_xx - 2 b v_xe + c v_ee + of_xi v_x + of_eta v_e` with 2 x 2 matrices `of_xi`, `of_eta` as
-    (xx, xy, yx, yy), each an array of shape (ni - 2, nj - 2), zero-padded to the walls.
+    `a v_xx - 2 b v_xe + c v_ee + of_xi v_x + of_eta v_e` with 2 x 2 matrices of_xi and of_eta: the
+    planes a, b, c, and xx, xy, yx, yy of of_xi and of of_eta. Walls are as their neighbours; what
+    it acts on is zero there.
     """
-
-    a: Plane
-    b: Plane
-    c: Plane
-    of_xi: tuple[Plane, Plane, Plane, Plane]
-    of_eta: tuple[Plane, Plane, Plane, Plane]
-
-
-def derivative(u: Pair, equations: GridEquations) -> Derivative:
-    """The equations linearised at the lattice u."""
     x, y = (_ALL.differences(plane) for plane in u)
     phi, psi, p, q = map(_ALL.of, equations.controls)
     a, b, c, by_xi, by_eta = _coefficients(x, y, phi, psi, p, q)
@@ -266,27 +235,63 @@ def derivative(u: Pair, equations: GridEquations) -> Derivative:
             value = value + 2 * jacobian * source[i] * turned[j]
             return value + diagonal if i == j else value
 
-        return tuple(jnp.pad(entry(i, j), 1) for i in (0, 1) for j in (0, 1))
+        return (entry(i, j) for i in (0, 1) for j in (0, 1))
 
-    return Derivative(
-        jnp.pad(a, 1),
-        jnp.pad(b, 1),
-        jnp.pad(c, 1),
-        matrix(by_xi, bent_eta, along_xi, along_eta, turned_eta),
-        matrix(by_eta, bent_xi, along_eta, along_xi, turned_xi),
+    of_xi = matrix(by_xi, bent_eta, along_xi, along_eta, turned_eta)
+    of_eta = matrix(by_eta, bent_xi, along_eta, along_xi, turned_xi)
+    terms = jnp.stack([a, b, c, *of_xi, *of_eta])
+    return jnp.pad(terms, [(0, 0), (1, 1), (1, 1)], mode="edge")
+
+
+class Stencil(NamedTuple):
+    """Linear equations at the interior nodes: nine 2 x 2 blocks each, shape (i, j, 2, 2).
+
+    `blocks[di + 1][dj + 1]` acts on the change of the neighbour at offset (di, dj).
+    """
+
+    blocks: tuple[tuple[Float[Array, "i j 2 2"], ...], ...]
+
+
+def stencil(terms: Float[Array, "11 ni nj"]) -> Stencil:
+    """The blocks of a `derivative`."""
+    entries = jnp.moveaxis(terms[:, 1:-1, 1:-1], 0, -1)
+    of_xi, of_eta = (
+        entries[..., first : first + 4].reshape(*entries.shape[:2], 2, 2) / 2 for first in (3, 7)
+    )
+    a, b, c = (entries[..., k, None, None] * jnp.eye(2, dtype=terms.dtype) for k in range(3))
+    corner, middle = b / 2, -2 * (a + c)
+    return Stencil(
+        (
+            (-corner, a - of_xi, corner),
+            (c - of_eta, middle, c + of_eta),
+            (corner, a + of_xi, -corner),
+        )
     )
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Linearised(AbstractOperator):
-    """A `Derivative` as an operator on changes that are zero on the walls."""
+class AbstractLinear(AbstractOperator):
+    """An operator on changes that are zero on the walls, given by the planes of `derivative`."""
 
-    terms: Derivative
+    terms: Float[Array, "11 ni nj"]
+
+    def coarser(self, shape: tuple[int, int], coarse: tuple[int, int]) -> Self:
+        xi, eta = _ratios(shape, coarse)
+        scale = [eta**2, xi * eta, xi**2, *[xi * eta**2] * 4, *[xi**2 * eta] * 4]
+        terms = jax.vmap(partial(restricted, shape=coarse))(self.terms)
+        return type(self)(terms * jnp.array(scale, terms.dtype)[:, None, None])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Linearised(AbstractLinear):
+    """The linearised equations."""
 
     def lines(self, u: Pair, f: Pair | None, nodes: _Nodes) -> _Lines:
         x, y = (nodes.differences(plane) for plane in u)
-        a, b, c, of_xi, of_eta = jax.tree.map(nodes.of, self.terms)
+        a, b, c, *of = map(nodes.of, self.terms)
+        of_xi, of_eta = of[:4], of[4:]
 
         def left(d: _Differences, k: int) -> Array:
             own = a * d.xi_xi - 2 * b * d.xi_eta + c * d.eta_eta
@@ -300,13 +305,12 @@ class Linearised(AbstractOperator):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Transposed(AbstractOperator):
+class Transposed(AbstractLinear):
     """The transpose of `Linearised`: differences of products instead of products of differences."""
 
-    terms: Derivative
-
     def lines(self, u: Pair, f: Pair | None, nodes: _Nodes) -> _Lines:
-        a, b, c, of_xi, of_eta = self.terms
+        a, b, c, *of = self.terms
+        of_xi, of_eta = of[:4], of[4:]
 
         def second(weight: Plane, v: Plane, part: str) -> Array:
             return getattr(nodes.differences(weight * v), part)

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 from fdjax.grid import block_tridiagonal, multigrid, operators, winslow
 from fdjax.grid.algebraic import between_walls
 from fdjax.grid.operators import GridEquations
-from fdjax.grid.transfer import Pair, each, planes, points
+from fdjax.grid.transfer import Pair, each, planes, points, walled
 from fdjax.grid.winslow import ControlFunctions
 
 CONVERGED, STALLED, TOO_LONG = 0, 1, 2
@@ -163,10 +163,9 @@ class Newton(AbstractSolver):
         def step(state: tuple) -> tuple:
             r, progress = state
             rhs = -winslow.residual(r, controls)
-            change = block_tridiagonal.solve(
-                block_tridiagonal.factor(winslow.linearise(r, controls)), rhs
-            )
-            trial = r + jnp.pad(change, ((1, 1), (1, 1), (0, 0)))
+            terms = operators.derivative(planes(r), equations)
+            factors = block_tridiagonal.factor(operators.stencil(terms))
+            trial = r + walled(block_tridiagonal.solve(factors, rhs))
             cut, size, better = _cut_back(
                 planes(r),
                 planes(trial),

@@ -40,13 +40,21 @@ def coarser(count: int) -> int:
     return count if count - 1 <= COARSEST else count // 2 + 1
 
 
+def halved(shape: tuple[int, int]) -> tuple[int, int]:
+    """Nodes of the next coarser lattice."""
+    return coarser(shape[0]), coarser(shape[1])
+
+
+def _along(axis: int, this: Any, others: Any, u: Array) -> list:
+    """Something for an axis, and something else for all other axes of an array."""
+    return [this if k == axis else others for k in range(u.ndim)]
+
+
 def _taken(u: Array, index: np.ndarray, weight: np.ndarray, axis: int) -> Array:
     """sum_t weight[t, k] u[index[t, k]] along an axis."""
-    shape = [1, 1]
-    shape[axis] = -1
     return sum(
         (
-            jnp.take(u, i, axis, mode="clip") * w.reshape(shape).astype(u.dtype)
+            jnp.take(u, i, axis, mode="clip") * w.reshape(_along(axis, -1, 1, u)).astype(u.dtype)
             for i, w in zip(index, weight, strict=True)
         ),
         jnp.zeros((), u.dtype),
@@ -85,12 +93,7 @@ def _refined(u: Array, count: int, axis: int) -> Array:
 
 def _spread(u: Array, before: int, after: int, axis: int) -> Array:
     """Zeros between the values along an axis, and so many before and after them."""
-    return _shifted(u, before, after, axis, between=1)
-
-
-def _shifted(u: Array, before: int, after: int, axis: int, between: int = 0) -> Array:
-    padding = [(0, 0, 0), (0, 0, 0)]
-    padding[axis] = (before, after, between)
+    padding = _along(axis, (before, after, 1), (0, 0, 0), u)
     return jax.lax.pad(u, jnp.zeros((), u.dtype), padding)
 
 
@@ -111,10 +114,17 @@ def _averaged(u: Array, axis: int) -> Array:
     if count == coarse:
         return u
     if count == 2 * coarse - 1:
-        # The same three weights everywhere but on the walls, which no residual has.
-        even = jax.lax.slice_in_dim(u, 0, None, 2, axis)
-        odd = jax.lax.slice_in_dim(u, 1, None, 2, axis)
-        return even / 2 + (_shifted(odd, 0, 1, axis) + _shifted(odd, 1, 0, axis)) / 4
+        # The same three weights everywhere but on the walls, which no residual has. What a window
+        # takes the sum of is worked out once; taken apart it would be for each of the parts.
+        around = jax.lax.reduce_window(
+            u,
+            jnp.zeros((), u.dtype),
+            jax.lax.add,
+            _along(axis, 3, 1, u),
+            _along(axis, 2, 1, u),
+            _along(axis, (1, 1), (0, 0), u),
+        )
+        return (around + jax.lax.slice_in_dim(u, 0, None, 2, axis)) / 4
     index, weight = _between(_places(count, coarse), coarse)
     matrix = np.zeros((count, coarse))
     for i, w in zip(index, weight, strict=True):
@@ -130,22 +140,35 @@ def _both(step: Any, u: Array) -> Array:
     return step(step(u, 0), 1)
 
 
-def restricted(u: Plane) -> Plane:
-    """Values of the next coarser lattice, by bilinear interpolation."""
-    return _both(_sampled, u)
+def restricted(u: Plane, shape: tuple[int, int]) -> Plane:
+    """Values of a coarser lattice, one or more halvings away, by bilinear interpolation."""
+    while u.shape[:2] != shape:
+        u = _both(_sampled, u)
+    return u
 
 
-def restricted_residual(u: Plane) -> Plane:
-    """The mean residual around each node of the next coarser lattice, per its own steps."""
-    coarse = _both(_averaged, u)
-    step = math.prod((n - 1) / (m - 1) for n, m in zip(u.shape, coarse.shape, strict=True))
-    return interior(coarse * step**2)
+def restricted_residual(u: Plane, shape: tuple[int, int]) -> Plane:
+    """The mean residual around each node of a coarser lattice, per its own steps."""
+    while u.shape[:2] != shape:
+        coarse = _both(_averaged, u)
+        steps = zip(u.shape[:2], coarse.shape[:2], strict=True)
+        u = interior(coarse * math.prod((n - 1) / (m - 1) for n, m in steps) ** 2)
+    return u
 
 
 def prolonged(u: Plane, shape: tuple[int, int]) -> Plane:
+    """Values of a finer lattice, one or more halvings away."""
+    between = halved(shape)
+    if u.shape[:2] != between:
+        u = prolonged(u, between)
     return _refined(_refined(u, shape[0], 0), shape[1], 1)
+
+
+def walled(u: Array) -> Plane:
+    """Values at the interior nodes with zeros on the walls around them."""
+    return jnp.pad(u, [(1, 1), (1, 1), *[(0, 0)] * (u.ndim - 2)])
 
 
 def interior(u: Plane) -> Plane:
     """The plane with zeros on the walls."""
-    return jnp.pad(u[1:-1, 1:-1], 1)
+    return walled(u[1:-1, 1:-1])

@@ -31,15 +31,6 @@ class ControlFunctions(NamedTuple):
     q: Float[Array, "i j"] | Float[Array, ""]
 
 
-class Stencil(NamedTuple):
-    """The linearised equations: nine 2 x 2 blocks at each interior node, shape (i, j, 2, 2).
-
-    `blocks[di + 1][dj + 1]` acts on the change of the neighbour at offset (di, dj).
-    """
-
-    blocks: tuple[tuple[Float[Array, "i j 2 2"], ...], ...]
-
-
 class _Differences(NamedTuple):
     xi: Float[Array, "i j 2"]
     eta: Float[Array, "i j 2"]
@@ -84,44 +75,6 @@ def correction(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> Float[
     """The Gauss-Seidel correction of each interior node, mm: residual over 2 (A + C)."""
     d = _differences(r)
     return residual(r, controls) / (2 * (_dot(d.eta, d.eta) + _dot(d.xi, d.xi)))
-
-
-def linearise(r: Float[Array, "ni nj 2"], controls: ControlFunctions) -> Stencil:
-    """Derivative of `residual` with respect to the nodes, as a nine-point stencil of blocks."""
-    d = _differences(r)
-    phi, psi, p, q = (field[..., None, None] for field in controls)
-    identity = jnp.eye(2)
-    along_xi, along_eta = _dot(d.eta, d.eta)[..., None], _dot(d.xi, d.xi)[..., None]
-    mixed = -_dot(d.xi, d.eta)[..., None] * identity
-    jacobian = _jacobian(d)[..., None]
-
-    def outer(a: Array, b: Array) -> Array:
-        return a[..., :, None] * b[..., None, :]
-
-    # dJ = d(r_x) . (y_e, -x_e) + d(r_e) . (-y_x, x_x)
-    by_xi = jnp.stack([d.eta[..., 1], -d.eta[..., 0]], -1)
-    by_eta = jnp.stack([-d.xi[..., 1], d.xi[..., 0]], -1)
-    source = p[..., 0] * d.xi + q[..., 0] * d.eta
-    of_xi = (
-        (along_xi * phi + jacobian**2 * p) * identity
-        - 2 * outer(d.xi_eta, d.eta)
-        + 2 * outer(d.eta_eta + psi[..., 0] * d.eta, d.xi)
-        + 2 * jacobian * outer(source, by_xi)
-    )
-    of_eta = (
-        (along_eta * psi + jacobian**2 * q) * identity
-        - 2 * outer(d.xi_eta, d.xi)
-        + 2 * outer(d.xi_xi + phi[..., 0] * d.xi, d.eta)
-        + 2 * jacobian * outer(source, by_eta)
-    )
-    a, c, b = along_xi * identity, along_eta * identity, mixed / 2
-    return Stencil(
-        (
-            (b, a - of_xi / 2, -b),
-            (c - of_eta / 2, -2 * (a + c), c + of_eta / 2),
-            (-b, a + of_xi / 2, b),
-        )
-    )
 
 
 def boundary_controls(r: Float[Array, "ni nj 2"]) -> tuple[Array, Array]:

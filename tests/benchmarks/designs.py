@@ -132,7 +132,8 @@ class Sparse:
             return _value(objective.residuals(realised, controls))
 
         def assembled(nodes, controls):
-            blocks = winslow.linearise(nodes, controls).blocks
+            terms = operators.derivative(planes(nodes), operators.equations_of(controls))
+            blocks = operators.stencil(terms).blocks
             return jnp.stack([jnp.stack(row) for row in blocks])
 
         def pulled_back(nodes, free, adjoint, by_nodes):

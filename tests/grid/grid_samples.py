@@ -13,7 +13,7 @@ from shapely import Polygon
 
 from fdjax.domain.curve import arc
 from fdjax.domain.patch import from_curves, from_polygon
-from fdjax.grid import elliptic, winslow
+from fdjax.grid import elliptic, operators, transfer, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite
 from fdjax.grid.base import Sides
 from fdjax.grid.winslow import ControlFunctions
@@ -40,6 +40,12 @@ def evaluate(function, *arguments):
 def mean_correction(lattice, functions):
     """Mean absolute Gauss-Seidel correction of a coordinate, mm."""
     return jnp.abs(winslow.correction(lattice, functions)).mean()
+
+
+def linearised(lattice, functions):
+    """The linearised equations as blocks."""
+    equations = operators.equations_of(functions)
+    return operators.stencil(operators.derivative(transfer.planes(lattice), equations))
 
 
 def places(ni, nj):

@@ -3,14 +3,14 @@
 import jax
 import numpy as np
 import pytest
-from grid_samples import dense, quick_jit, random_case
+from grid_samples import dense, linearised, quick_jit, random_case
 
-from fdjax.grid import block_tridiagonal, winslow
+from fdjax.grid import block_tridiagonal
 
 
 @quick_jit
 def solutions(lattice, functions, rhs):
-    stencil = winslow.linearise(lattice, functions)
+    stencil = linearised(lattice, functions)
     factors = block_tridiagonal.factor(stencil)
     several = jax.vmap(lambda b: block_tridiagonal.solve(factors, b))(rhs)
     return stencil, several, block_tridiagonal.solve_transposed(factors, rhs[0])

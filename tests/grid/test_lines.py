@@ -10,7 +10,7 @@ from fdjax.grid import operators, winslow
 from fdjax.grid.solvers import SOR, Multigrid, Newton
 from fdjax.grid.winslow import ControlFunctions
 
-WAYS = (operators._scanned, operators._overwritten, lambda s: operators._solved_one_by_one(s, 0))
+WAYS = (operators._overwritten, lambda s: operators._solved_one_by_one(s, 0))
 
 
 @pytest.mark.parametrize("way", WAYS)

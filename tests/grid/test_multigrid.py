@@ -77,12 +77,13 @@ def test_the_mean_correction_and_folds_are_those_of_winslow():
 def test_transfers_keep_bilinear_functions_and_means(shape):
     xi, eta = np.linspace(0, 1, shape[0])[:, None], np.linspace(0, 1, shape[1])
     plane = jnp.asarray(1 + 2 * xi - eta + 3 * xi * eta)
-    coarse = transfer.restricted(plane)
+    smaller = transfer.halved(shape)
+    coarse = transfer.restricted(plane, smaller)
     assert max(coarse.shape) < max(shape)
     u, v = np.linspace(0, 1, coarse.shape[0])[:, None], np.linspace(0, 1, coarse.shape[1])
     np.testing.assert_allclose(coarse, 1 + 2 * u - v + 3 * u * v, atol=1e-13)
     np.testing.assert_allclose(transfer.prolonged(coarse, shape), plane, atol=1e-13)
-    mean = np.asarray(transfer.restricted_residual(jnp.ones(shape)))[1:-1, 1:-1]
+    mean = np.asarray(transfer.restricted_residual(jnp.ones(shape), smaller))[1:-1, 1:-1]
     steps = np.prod([(n - 1) / (m - 1) for n, m in zip(shape, coarse.shape, strict=True)])
     np.testing.assert_allclose(mean, steps**2)
 
@@ -99,10 +100,11 @@ def test_linear_solutions_are_those_of_elimination(shape):
     @quick_jit
     def both(start, functions, rhs):
         nodes, equations = transfer.planes(start), operators.equations_of(functions)
-        factors = block_tridiagonal.factor(winslow.linearise(start, functions))
+        terms = operators.derivative(nodes, equations)
+        factors = block_tridiagonal.factor(operators.stencil(terms))
         found = [
-            multigrid.solve_linear(multigrid.linear_levels(nodes, equations, kind), padded(rhs))
-            for kind in (operators.Linearised, operators.Transposed)
+            multigrid.solve_linear(operator, multigrid.linear_levels(operator), padded(rhs))
+            for operator in (operators.Linearised(terms), operators.Transposed(terms))
         ]
         return found, (
             block_tridiagonal.solve(factors, rhs),

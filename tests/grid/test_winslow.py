@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from grid_samples import SHAPE, controls, dense, places, quick_jit, random_case
+from grid_samples import SHAPE, controls, dense, linearised, places, quick_jit, random_case
 
 from fdjax.grid import winslow
 from fdjax.grid.operators import corner_jacobians
@@ -67,7 +67,7 @@ def derivative(lattice, functions):
     return jax.jacfwd(of_interior)(lattice[1:-1, 1:-1])
 
 
-linearise = quick_jit(winslow.linearise)
+linearise = quick_jit(linearised)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
