@@ -43,9 +43,6 @@ _STEPWISE = 2
 """So many lattices are halved once, all coarser ones twice: more lattices bring nothing but time to
 compile."""
 
-_VISITS = (2, 2)
-"""How often a lattice visits the next coarser one in a cycle, finest first, 1 below."""
-
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -112,13 +109,14 @@ def cycles(
     f: Pair | None,
     *,
     count: int = 1,
-    visits: tuple[int, ...] = _VISITS,
+    visits: tuple[int, ...] = (2, 2),
     fresh: Any = False,
     linear: bool = False,
 ) -> Pair:
     """u after `count` multigrid cycles for N(u) = f, or = 0 without f.
 
     - `levels`: a hierarchy, finest first.
+    - `visits`: how often a lattice visits the next coarser one in a cycle, finest first, 1 below.
     - `fresh`: whether to begin with a solution on the next coarser lattice, found in the same way:
       a full-multigrid start, for f = 0 only. May be traced.
     - `linear`: for linear operators: coarse changes start from zero.
@@ -160,20 +158,24 @@ def linear_levels(operator: AbstractLinear) -> list[Any]:
 
     That costs about as many operations as relaxing the finest lattice does.
     """
-    _, ni, nj = operator.terms.shape
+    ni, nj = operator.terms[0].shape
     shapes = _lattices((ni, nj), lambda shape: shape[0] * shape[1] ** 3 <= 20 * ni * nj)
-    *levels, last = _hierarchy(type(operator)(operator.terms.astype(jnp.float32)), shapes)
+    *levels, last = _hierarchy(jax.tree.map(lambda u: u.astype(jnp.float32), operator), shapes)
     factors = block_tridiagonal.factor(stencil(last.operator.terms))
     return [*levels, Eliminated(factors, last.shape, isinstance(operator, Transposed))]
 
 
 class _Search(NamedTuple):
-    """State of `solve_linear`: `size` is the residual's, `images` those of the directions."""
+    """State of `solve_linear`: directions, their images and the squares of the images' lengths.
+
+    `size` is the length of the residual.
+    """
 
     x: Pair
     residual: Pair
     directions: tuple[Array, Array]
     images: tuple[Array, Array]
+    squares: Array
     steps: Array
     size: Array
 
@@ -196,7 +198,7 @@ def solve_linear(
     of that, the result is NaN.
     """
     zero = each(jnp.zeros_like, rhs)
-    size = _norm(rhs)
+    size = jnp.sqrt(_inner(rhs, rhs))
     past = each(lambda u: jnp.zeros((directions, *u.shape)), rhs)
 
     def unfinished(state: _Search) -> Array:
@@ -204,46 +206,37 @@ def solve_linear(
 
     def step(state: _Search) -> _Search:
         goal = each(lambda u: (u / state.size).astype(jnp.float32), state.residual)
-        way = cycles(levels, each(jnp.zeros_like, goal), goal, linear=True)
+        way = cycles(levels, each(jnp.zeros_like, goal), goal, visits=(2,), linear=True)
         way = each(lambda u: u.astype(rhs[0].dtype), way)
         image = operator.residual(way)
-        share = sum(
-            (
-                jnp.einsum("kij,ij->k", old, new)
-                for old, new in zip(state.images, image, strict=True)
-            ),
-            jnp.zeros(()),
-        )
-        image = each(
-            lambda new, old: new - jnp.einsum("k,kij->ij", share, old), image, state.images
-        )
-        way = each(
-            lambda new, old: new - jnp.einsum("k,kij->ij", share, old), way, state.directions
-        )
-        length = _norm(image)
-        scale = jnp.where(length > 0, 1 / jnp.where(length > 0, length, 1.0), 0.0)
-        image, way = each(lambda u: u * scale, image), each(lambda u: u * scale, way)
-        step = sum(
-            ((a * b).sum() for a, b in zip(image, state.residual, strict=True)), jnp.zeros(())
-        )
-        x = each(lambda u, d: u + step * d, state.x, way)
-        residual = each(lambda u, d: u - step * d, state.residual, image)
+        shares = each(lambda old, new: jnp.einsum("kij,ij->k", old, new), state.images, image)
+        share = (shares[0] + shares[1]) / state.squares
+
+        def less(new: Array, old: Array) -> Array:
+            return new - jnp.einsum("k,kij->ij", share, old)
+
+        image, way = each(less, image, state.images), each(less, way, state.directions)
+        square = _inner(image, image)
+        square = jnp.where(square > 0, square, 1.0)
+        length = _inner(image, state.residual) / square
+        x = each(lambda u, d: u + length * d, state.x, way)
+        residual = each(lambda u, d: u - length * d, state.residual, image)
         place = state.steps % directions
         return _Search(
             x,
             residual,
             each(lambda old, new: old.at[place].set(new), state.directions, way),
             each(lambda old, new: old.at[place].set(new), state.images, image),
+            state.squares.at[place].set(square),
             state.steps + 1,
-            _norm(residual),
+            jnp.sqrt(_inner(residual, residual)),
         )
 
-    found = jax.lax.while_loop(
-        unfinished, step, _Search(zero, rhs, past, past, jnp.asarray(0), size)
-    )
+    state = _Search(zero, rhs, past, past, jnp.ones(directions), jnp.asarray(0), size)
+    found = jax.lax.while_loop(unfinished, step, state)
     failed = found.size > tolerance**0.5 * size
     return each(lambda u: jnp.where(failed, jnp.nan, u), found.x)
 
 
-def _norm(u: Pair) -> Float[Array, ""]:
-    return jnp.sqrt((u[0] ** 2).sum() + (u[1] ** 2).sum())
+def _inner(u: Pair, v: Pair) -> Float[Array, ""]:
+    return (u[0] * v[0]).sum() + (u[1] * v[1]).sum()

@@ -211,7 +211,10 @@ def _coefficients(
     return a, x.xi * x.eta + y.xi * y.eta, c, a * phi + square * p, c * psi + square * q
 
 
-def derivative(u: Pair, equations: GridEquations) -> Float[Array, "11 ni nj"]:
+Terms = tuple[Plane, ...] | Float[Array, "11 ni nj"]
+
+
+def derivative(u: Pair, equations: GridEquations) -> Terms:
     """The equations linearised at the lattice u, per index step.
 
     `a v_xx - 2 b v_xe + c v_ee + of_xi v_x + of_eta v_e` with 2 x 2 matrices of_xi and of_eta: the
@@ -239,8 +242,7 @@ def derivative(u: Pair, equations: GridEquations) -> Float[Array, "11 ni nj"]:
 
     of_xi = matrix(by_xi, bent_eta, along_xi, along_eta, turned_eta)
     of_eta = matrix(by_eta, bent_xi, along_eta, along_xi, turned_xi)
-    terms = jnp.stack([a, b, c, *of_xi, *of_eta])
-    return jnp.pad(terms, [(0, 0), (1, 1), (1, 1)], mode="edge")
+    return tuple(jnp.pad(plane, 1, mode="edge") for plane in (a, b, c, *of_xi, *of_eta))
 
 
 class Stencil(NamedTuple):
@@ -252,13 +254,13 @@ class Stencil(NamedTuple):
     blocks: tuple[tuple[Float[Array, "i j 2 2"], ...], ...]
 
 
-def stencil(terms: Float[Array, "11 ni nj"]) -> Stencil:
+def stencil(terms: Terms) -> Stencil:
     """The blocks of a `derivative`."""
-    entries = jnp.moveaxis(terms[:, 1:-1, 1:-1], 0, -1)
+    entries = jnp.stack([plane[1:-1, 1:-1] for plane in terms], -1)
     of_xi, of_eta = (
         entries[..., first : first + 4].reshape(*entries.shape[:2], 2, 2) / 2 for first in (3, 7)
     )
-    a, b, c = (entries[..., k, None, None] * jnp.eye(2, dtype=terms.dtype) for k in range(3))
+    a, b, c = (entries[..., k, None, None] * jnp.eye(2, dtype=entries.dtype) for k in range(3))
     corner, middle = b / 2, -2 * (a + c)
     return Stencil(
         (
@@ -274,13 +276,13 @@ def stencil(terms: Float[Array, "11 ni nj"]) -> Stencil:
 class AbstractLinear(AbstractOperator):
     """An operator on changes that are zero on the walls, given by the planes of `derivative`."""
 
-    terms: Float[Array, "11 ni nj"]
+    terms: Terms
 
     def coarser(self, shape: tuple[int, int], coarse: tuple[int, int]) -> Self:
         xi, eta = _ratios(shape, coarse)
         scale = [eta**2, xi * eta, xi**2, *[xi * eta**2] * 4, *[xi**2 * eta] * 4]
-        terms = jax.vmap(partial(restricted, shape=coarse))(self.terms)
-        return type(self)(terms * jnp.array(scale, terms.dtype)[:, None, None])
+        terms = (restricted(plane, coarse) for plane in self.terms)
+        return type(self)(jnp.stack([s * plane for s, plane in zip(scale, terms, strict=True)]))
 
 
 @jax.tree_util.register_dataclass
