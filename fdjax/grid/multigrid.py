@@ -130,7 +130,7 @@ def cycles(
 
     def visit(number: Any, u: Pair) -> Pair:
         starting = number == 0
-        u = operator.relaxed(operator.relaxed(u, f, 0), f, 1)
+        u = operator.relaxed(u, f, 1)
         residual = each(lambda v: restricted_residual(v, coarse_shape), operator.residual(u, f))
         if linear:
             coarse, goal = each(jnp.zeros_like, residual), each(jnp.negative, residual)
@@ -148,7 +148,8 @@ def cycles(
             linear=linear,
         )
         change = each(lambda new, old: prolonged(new - old, shape), found, coarse)
-        return operator.relaxed(each(lambda v, d: v + interior(d), u, change), f, 0)
+        u = each(lambda v, d: v + interior(d), u, change)
+        return operator.relaxed(u, f, 0, sweeps=2)
 
     return jax.lax.fori_loop(jnp.where(fresh, 0, 1), 1 + count, visit, u)
 

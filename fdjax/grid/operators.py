@@ -40,12 +40,13 @@ class _Nodes(NamedTuple):
         """The values at the neighbours at an offset; a scalar is the same everywhere."""
         if u.ndim == 0:
             return u
-        cuts = []
+        first, end, step = [0] * u.ndim, list(u.shape), [1] * u.ndim
         for axis, offset in enumerate((di, dj)):
             skip = self.first and axis != self.axis
-            start, step = (self.first, 2) if skip else (1, 1)
-            cuts.append(slice(start + offset, u.shape[axis] - 1 + offset, step))
-        return u[tuple(cuts)]
+            start, step[axis] = (self.first, 2) if skip else (1, 1)
+            first[axis], end[axis] = start + offset, u.shape[axis] - 1 + offset
+        # What it cuts it cuts often: indexing says the same but takes the compiler's time.
+        return jax.lax.slice(u, first, end, step)
 
     def spread(self, values: Array, shape: tuple[int, ...]) -> Plane:
         """A plane with these values at the nodes and zeros elsewhere."""
@@ -110,18 +111,22 @@ def _overwritten(lines: _Lines) -> Pair:
     lower, diagonal, upper, residual = lines
     count, none = diagonal.shape[0], jnp.zeros_like(diagonal[0])
 
+    def row(plane: Array, i: Array) -> Array:
+        return jax.lax.dynamic_index_in_dim(plane, i, keepdims=False, allow_negative_indices=False)
+
     def put(planes: tuple, rows: tuple, i: Array) -> tuple:
         return tuple(
-            jax.lax.dynamic_update_index_in_dim(plane, row, i, 0)
+            jax.lax.dynamic_update_index_in_dim(plane, row, i, 0, allow_negative_indices=False)
             for plane, row in zip(planes, rows, strict=True)
         )
 
     def down(i: Array, state: tuple) -> tuple:
         planes, (u, x, y) = state
-        pivot = 1 / (diagonal[i] - lower[i] * u)
-        u = planes[0][i] * pivot
+        pull = row(lower, i)
+        pivot = 1 / (row(diagonal, i) - pull * u)
+        u = row(planes[0], i) * pivot
         x, y = (
-            (plane[i] + lower[i] * v) * pivot for plane, v in zip(planes[1:], (x, y), strict=True)
+            (row(plane, i) + pull * v) * pivot for plane, v in zip(planes[1:], (x, y), strict=True)
         )
         return put(planes, (u, x, y), i), (u, x, y)
 
@@ -132,7 +137,8 @@ def _overwritten(lines: _Lines) -> Pair:
     def up(k: Array, state: tuple) -> tuple:
         planes, after = state
         i = count - 1 - k
-        here = tuple(plane[i] + upper[i] * v for plane, v in zip(planes, after, strict=True))
+        pull = row(upper, i)
+        here = tuple(row(plane, i) + pull * v for plane, v in zip(planes, after, strict=True))
         return put(planes, here, i), here
 
     return jax.lax.fori_loop(0, count, up, (tuple(residual), (none, none)))[0]
@@ -154,14 +160,19 @@ class AbstractOperator:
         return each(walled, self.lines(u, f, _ALL).residual)
 
     # Traced once for all places where a lattice is relaxed.
-    @partial(jax.jit, static_argnames="axis")
-    def relaxed(self, u: Pair, f: Pair | None, axis: int) -> Pair:
-        """u after zebra relaxation along the lines of an axis."""
-        for first in (1, 2):
-            nodes = _Nodes(axis, first)
-            change = _solved(self.lines(u, f, nodes), axis)
-            u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
-        return u
+    @partial(jax.jit, static_argnames=("axis", "sweeps"))
+    def relaxed(self, u: Pair, f: Pair | None, axis: int, sweeps: int = 1) -> Pair:
+        """u after zebra relaxation along the lines of an axis, so many times."""
+
+        def sweep(_: Any, u: Pair) -> Pair:
+            for first in (1, 2):
+                nodes = _Nodes(axis, first)
+                change = _solved(self.lines(u, f, nodes), axis)
+                u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
+            return u
+
+        # A loop, so that it is compiled once.
+        return jax.lax.fori_loop(0, sweeps, sweep, u)
 
 
 def _line_matrix(

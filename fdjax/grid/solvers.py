@@ -225,11 +225,17 @@ def _cut_back(
     def good(state: _Trial) -> Array:
         return (state.size < size) & ~(keep_unfolded & state.folded)
 
-    whole = judged(jnp.ones(()))
-    found = jax.lax.while_loop(
-        lambda state: ~good(state) & (state.share > 0.5**halvings),
-        lambda state: judged(state.share / 2),
-        whole,
+    def shorter(state: tuple[_Trial, _Trial]) -> tuple[_Trial, _Trial]:
+        found, whole = judged(state[0].share / 2), state[1]
+        return found, jax.tree.map(
+            lambda new, old: jnp.where(found.share == 1, new, old), found, whole
+        )
+
+    untried = _Trial(jnp.full((), 2.0), jnp.full((), jnp.inf), jnp.asarray(True))
+    found, whole = jax.lax.while_loop(
+        lambda state: ~good(state[0]) & (state[0].share > 0.5**halvings),
+        shorter,
+        (untried, untried),
     )
     taken = good(found)
     if or_whole:

@@ -166,7 +166,8 @@ def prolonged(u: Plane, shape: tuple[int, int]) -> Plane:
 
 def walled(u: Array) -> Plane:
     """Values at the interior nodes with zeros on the walls around them."""
-    return jnp.pad(u, [(1, 1), (1, 1), *[(0, 0)] * (u.ndim - 2)])
+    padding = [(1, 1, 0), (1, 1, 0), *[(0, 0, 0)] * (u.ndim - 2)]
+    return jax.lax.pad(u, jnp.zeros((), u.dtype), padding)
 
 
 def interior(u: Plane) -> Plane:
