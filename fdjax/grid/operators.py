@@ -38,7 +38,7 @@ class _Nodes(NamedTuple):
 
     def of(self, u: Plane, di: int = 0, dj: int = 0) -> Array:
         """The values at the neighbours at an offset; a scalar is the same everywhere."""
-        if u.ndim == 0:
+        if u.ndim < 2:
             return u
         first, end, step = [0] * u.ndim, list(u.shape), [1] * u.ndim
         for axis, offset in enumerate((di, dj)):
@@ -203,7 +203,7 @@ class GridEquations(AbstractOperator):
 
     def coarser(self, shape: tuple[int, int], coarse: tuple[int, int]) -> "GridEquations":
         xi, eta = _ratios(shape, coarse)
-        phi, psi, p, q = (u if u.ndim == 0 else restricted(u, coarse) for u in self.controls)
+        phi, psi, p, q = (u if u.ndim < 2 else restricted(u, coarse) for u in self.controls)
         return GridEquations(ControlFunctions(phi * xi, psi * eta, p / xi, q / eta))
 
 
