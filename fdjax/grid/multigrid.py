@@ -44,6 +44,10 @@ _STEPWISE = 2
 compile."""
 
 
+_MANY = 5
+"""Lattices from which on the second one's visits to the third are worth their time."""
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Level:
@@ -109,14 +113,15 @@ def cycles(
     f: Pair | None,
     *,
     count: int = 1,
-    visits: tuple[int, ...] = (2, 2),
+    visits: tuple[int, ...] | None = None,
     fresh: Any = False,
     linear: bool = False,
 ) -> Pair:
     """u after `count` multigrid cycles for N(u) = f, or = 0 without f.
 
     - `levels`: a hierarchy, finest first.
-    - `visits`: how often a lattice visits the next coarser one in a cycle, finest first, 1 below.
+    - `visits`: how often a lattice visits the next coarser one in a cycle, finest first, 1 below;
+      by default as often as keeps the number of cycles small.
     - `fresh`: whether to begin with a solution on the next coarser lattice, found in the same way:
       a full-multigrid start, for f = 0 only. May be traced.
     - `linear`: for linear operators: coarse changes start from zero.
@@ -126,6 +131,8 @@ def cycles(
     level, *rest = levels
     if not rest:
         return level.solved(u, f, fresh)
+    if visits is None:
+        visits = (2, 2) if len(levels) >= _MANY else (2,)
     operator, shape, coarse_shape = level.operator, level.shape, rest[0].shape
 
     def visit(number: Any, u: Pair) -> Pair:

@@ -253,7 +253,7 @@ def derivative(u: Pair, equations: GridEquations) -> Terms:
 
     of_xi = matrix(by_xi, bent_eta, along_xi, along_eta, turned_eta)
     of_eta = matrix(by_eta, bent_xi, along_eta, along_xi, turned_xi)
-    return tuple(jnp.pad(plane, 1, mode="edge") for plane in (a, b, c, *of_xi, *of_eta))
+    return tuple(_extended(plane) for plane in (a, b, c, *of_xi, *of_eta))
 
 
 class Stencil(NamedTuple):
@@ -343,25 +343,30 @@ class Transposed(AbstractLinear):
         return _Lines(*matrix, nodes.less((left(0), left(1)), f))
 
 
+def _extended(u: Array) -> Plane:
+    """Values at the interior nodes with those next to them on the walls."""
+    return jnp.pad(u, [(1, 1), (1, 1), *[(0, 0)] * (u.ndim - 2)], mode="edge")
+
+
 def equations_of(controls: ControlFunctions) -> GridEquations:
     """The equations with controls given at the interior nodes."""
     return GridEquations(
-        ControlFunctions(
-            *(jnp.pad(field, 1, mode="edge") if field.ndim else field for field in controls)
-        )
+        ControlFunctions(*(_extended(field) if field.ndim > 1 else field for field in controls))
     )
 
 
-def mean_correction(equations: GridEquations, u: Pair) -> Float[Array, ""]:
+def mean_correction(equations: GridEquations, u: Pair) -> Float[Array, "*lanes"]:
     """Mean absolute Gauss-Seidel correction of a coordinate, mm: the measure of convergence."""
     lines = equations.lines(u, None, _ALL)
     x, y = lines.residual
-    return _total((jnp.abs(x) + jnp.abs(y)) / lines.diagonal) / (2 * x.size)
+    return _total((jnp.abs(x) + jnp.abs(y)) / lines.diagonal) / (2 * x.shape[0] * x.shape[1])
 
 
-def _total(values: Array) -> Float[Array, ""]:
+def _total(values: Array) -> Float[Array, "*lanes"]:
     """Sum of a plane, as products: a reduction would work out each value on its own, slowly."""
-    return jnp.ones(values.shape[0]) @ (values @ jnp.ones(values.shape[1]))
+    for count in values.shape[:2]:
+        values = jnp.tensordot(jnp.ones(count), values, 1)
+    return values
 
 
 def corner_jacobians(u: Pair) -> tuple[Array, Array, Array, Array]:
@@ -382,7 +387,7 @@ def corner_jacobians(u: Pair) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def folded(u: Pair) -> Bool[Array, ""]:
+def folded(u: Pair) -> Bool[Array, "*lanes"]:
     """Whether a cell has a corner that is not convex, or is no number."""
     a, b, c, d = corner_jacobians(u)
     least = jnp.minimum(jnp.minimum(a, b), jnp.minimum(c, d))

@@ -8,13 +8,14 @@ takes from the equations themselves.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from fdjax.grid import block_tridiagonal, multigrid, operators, winslow
+from fdjax.grid import batches, block_tridiagonal, multigrid, operators, winslow
 from fdjax.grid.algebraic import between_walls
 from fdjax.grid.operators import GridEquations
 from fdjax.grid.transfer import Pair, each, planes, points, walled
@@ -77,10 +78,10 @@ class Report(NamedTuple):
 class _Progress(NamedTuple):
     """Mean correction now, mm; iterations; whether none helps any more; corrections so far."""
 
-    size: Float[Array, ""]
-    steps: Int[Array, ""]
-    stuck: Bool[Array, ""]
-    history: Float[Array, " HISTORY"]
+    size: Float[Array, "*lanes"]
+    steps: Int[Array, "*lanes"]
+    stuck: Bool[Array, "*lanes"]
+    history: Float[Array, "HISTORY ..."]
 
     @classmethod
     def begun(cls, size: Float[Array, ""]) -> "_Progress":
@@ -89,10 +90,11 @@ class _Progress(NamedTuple):
 
     def after(self, size: Float[Array, ""], stuck: Array | bool = False) -> "_Progress":
         steps = self.steps + 1
-        history = self.history.at[steps].set(size, mode="drop")
+        here = jnp.arange(HISTORY).reshape(-1, *[1] * steps.ndim) == steps
+        history = jnp.where(here, size, self.history)
         return _Progress(size, steps, jnp.asarray(stuck), history)
 
-    def unfinished(self, goal: Array, limit: int) -> Bool[Array, ""]:
+    def unfinished(self, goal: Array, limit: int) -> Bool[Array, "*lanes"]:
         return (self.size > goal) & (self.steps < limit) & ~self.stuck
 
 
@@ -192,19 +194,19 @@ class _Trial(NamedTuple):
     """A share of the way to a new lattice, and how good the lattice there is."""
 
     share: Array
-    size: Float[Array, ""]
-    folded: Bool[Array, ""]
+    size: Float[Array, "*lanes"]
+    folded: Bool[Array, "*lanes"]
 
 
 def _cut_back(
     u: Pair,
     trial: Pair,
-    size: Float[Array, ""],
+    size: Float[Array, "*lanes"],
     equations: GridEquations,
     halvings: int,
     *,
     or_whole: bool = False,
-) -> tuple[Pair, Float[Array, ""], Bool[Array, ""]]:
+) -> tuple[Pair, Float[Array, "*lanes"], Bool[Array, "*lanes"]]:
     """The longest of the steps 1, 1/2, 1/4 ... from u to `trial` that is good, if any is.
 
     A good step lowers the mean correction `size` and keeps an unfolded lattice unfolded; with
@@ -225,17 +227,19 @@ def _cut_back(
     def good(state: _Trial) -> Array:
         return (state.size < size) & ~(keep_unfolded & state.folded)
 
+    def too_long(state: _Trial) -> Array:
+        return ~good(state) & (state.share > 0.5**halvings)
+
     def shorter(state: tuple[_Trial, _Trial]) -> tuple[_Trial, _Trial]:
-        found, whole = judged(state[0].share / 2), state[1]
+        found, whole = state
+        found = judged(jnp.where(too_long(found), found.share / 2, found.share))
         return found, jax.tree.map(
             lambda new, old: jnp.where(found.share == 1, new, old), found, whole
         )
 
-    untried = _Trial(jnp.full((), 2.0), jnp.full((), jnp.inf), jnp.asarray(True))
+    untried = _Trial(2 * jnp.ones_like(size), jnp.full_like(size, jnp.inf), size < jnp.inf)
     found, whole = jax.lax.while_loop(
-        lambda state: ~good(state[0]) & (state[0].share > 0.5**halvings),
-        shorter,
-        (untried, untried),
+        lambda state: too_long(state[0]).any(), shorter, (untried, untried)
     )
     taken = good(found)
     if or_whole:
@@ -246,31 +250,8 @@ def _cut_back(
     return u, jnp.where(taken, found.size, size), taken
 
 
-TOGETHER = 4
-"""Lattices of a batch that are solved at once: they wait for the slowest of them only."""
-
-
-def _few_at_once(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function that `vmap` maps over `TOGETHER` arguments at once, one such lot after another."""
-    function = jax.custom_batching.custom_vmap(function)
-
-    @function.def_vmap
-    def mapped(count: int, batched: Any, *arguments: Any) -> tuple[Any, Any]:
-        lots = -(-count // TOGETHER)
-        size = -(-count // lots)
-        # The last one again makes the lots equal, so that one size is compiled.
-        index = jnp.minimum(jnp.arange(lots * size), count - 1).reshape(lots, size)
-
-        def chosen(places: Array) -> Any:
-            return jax.tree.map(lambda u, many: u[places] if many else u, arguments, tuple(batched))
-
-        axes = jax.tree.map(lambda many: 0 if many else None, tuple(batched))
-        one = jax.vmap(function.fun, in_axes=axes)
-        found = jax.lax.map(lambda places: one(*chosen(places)), index)
-        found = jax.tree.map(lambda u: u.reshape(-1, *u.shape[2:])[:count], found)
-        return found, jax.tree.map(lambda _: True, found)
-
-    return function
+IN_A_ROUND = 5
+"""Cycles of a batch until its lattices are sorted anew: fewer than most need in all."""
 
 
 @dataclass(frozen=True)
@@ -294,18 +275,27 @@ class Multigrid(AbstractSolver):
         controls: ControlFunctions,
         warm: Bool[Array, ""] | bool = False,
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
-        return _few_at_once(self._solve)(start, controls, jnp.asarray(warm))
+        return batches.batched(self._alone, self._together)(start, controls, jnp.asarray(warm))
 
-    def _solve(
+    def _alone(
         self, start: Float[Array, "ni nj 2"], controls: ControlFunctions, warm: Bool[Array, ""]
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
-        equations, begun = operators.equations_of(controls), planes(start)
-        levels = multigrid.hierarchy(equations, (start.shape[0], start.shape[1]))
         first, unit, goal = _measured(start, controls, self.tolerance, warm)
+        step = self._stepping(controls, (start.shape[0], start.shape[1]), warm)
+        found, progress = _iterate(step, planes(start), first, goal, self.max_cycles)
+        r = points(found)
+        return r, Report.of(r, progress, unit, goal, self.max_cycles)
 
-        def step(state: tuple) -> tuple:
+    def _stepping(
+        self, controls: ControlFunctions, shape: tuple[int, int], warm: Array
+    ) -> Callable[[tuple[Pair, "_Progress"]], tuple[Pair, "_Progress"]]:
+        """One cycle and what has become of the correction, also for lanes in step."""
+        equations = operators.equations_of(controls)
+        levels = multigrid.hierarchy(equations, shape)
+
+        def step(state: tuple[Pair, _Progress]) -> tuple[Pair, _Progress]:
             u, progress = state
-            fresh = (progress.steps == 0) & ~warm
+            fresh = (progress.steps.max() == 0) & ~warm
             trial = multigrid.cycles(levels, u, None, fresh=fresh)
             # Where every step folds, the whole one is taken: later ones may unfold it again.
             u, size, better = _cut_back(
@@ -313,9 +303,50 @@ class Multigrid(AbstractSolver):
             )
             return u, progress.after(size, ~better & ~fresh)
 
-        found, progress = _iterate(step, begun, first, goal, self.max_cycles)
+        return step
+
+    def _together(
+        self,
+        starts: Float[Array, "many ni nj 2"],
+        controls: ControlFunctions,
+        warm: Bool[Array, " many"],
+    ) -> tuple[Float[Array, "many ni nj 2"], Report]:
+        """All solved in lanes; a full-multigrid start for all where one is not warm."""
+        first, unit, goal = jax.vmap(_measured, in_axes=(0, 0, None, 0))(
+            starts, controls, self.tolerance, warm
+        )
+
+        def active(goal: Array, progress: _Progress) -> Array:
+            return progress.unfinished(goal, self.max_cycles)
+
+        def left(problems: tuple, states: tuple) -> Array:
+            goal, progress = problems[1], states[1]
+            return jnp.where(active(goal, progress), progress.size / goal, 0.0)
+
+        def advance(problems: tuple, states: tuple) -> tuple:
+            controls, goal = problems
+            step = self._stepping(controls, (starts.shape[1], starts.shape[2]), warm.all())
+
+            def of_those_active(state: tuple) -> tuple:
+                moving = active(goal, state[1])
+                return jax.tree.map(
+                    lambda new, old: jnp.where(moving, new, old), step(state), state
+                )
+
+            def cycle(state: tuple) -> tuple:
+                return state[0] + 1, of_those_active(state[1])
+
+            return jax.lax.while_loop(
+                lambda state: (state[0] < IN_A_ROUND) & active(goal, state[1][1]).any(),
+                cycle,
+                (jnp.asarray(0), states),
+            )[1]
+
+        begun = planes(starts), jax.vmap(_Progress.begun)(first)
+        found, progress = batches.in_lanes(advance, (controls, goal), begun, left)
         r = points(found)
-        return r, Report.of(r, progress, unit, goal, self.max_cycles)
+        of = partial(Report.of, limit=self.max_cycles)
+        return r, jax.vmap(of)(r, progress, unit, goal)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 The compiler is far faster with two planes than with one array of points. Transfers go one axis at a
 time. The coarser lattice of an odd number of nodes takes every second one, and is refined by cubic
-interpolation; all others are linear.
+interpolation; all others are linear. Planes may have a third axis, lanes: as many lattices, side by
+side.
 """
 
 import math
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-Plane = Float[Array, "ni nj"]
+Plane = Float[Array, "ni nj *lanes"]
 Pair = tuple[Plane, Plane]
 """A field of vectors: its x and its y."""
 
