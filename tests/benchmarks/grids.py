@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -69,19 +70,22 @@ def fields(ni: int, nj: int, phi: float = 0.0, psi: float = 0.0) -> ControlFunct
     )
 
 
-def timed(run: Callable[..., object], *arguments: object, repeats: int = 5) -> float:
-    """Median seconds of a run that is compiled already."""
-    seconds = []
+def in_turns(*runs: Callable[[], object], repeats: int = 5) -> list[float]:
+    """Median seconds of each of several runs that are compiled already, taken in turns."""
+    seconds: list[list[float]] = [[] for _ in runs]
     for _ in range(repeats):
-        began = time.perf_counter()
-        jax.block_until_ready(run(*arguments))
-        seconds.append(time.perf_counter() - began)
-    return statistics.median(seconds)
+        for run, taken in zip(runs, seconds, strict=True):
+            began = time.perf_counter()
+            jax.block_until_ready(run())
+            taken.append(time.perf_counter() - began)
+    return [statistics.median(taken) for taken in seconds]
 
 
-def cold(run: Callable[..., object], *arguments: object) -> float:
-    """Seconds of the first run, compiling included."""
-    return timed(run, *arguments, repeats=1)
+def compiled(function: Callable[..., object], *arguments: object) -> tuple[Any, float]:
+    """The program for such arguments, and the seconds that tracing and compiling it took."""
+    began = time.perf_counter()
+    program = jax.jit(function).lower(*arguments).compile()
+    return program, time.perf_counter() - began
 
 
 def peer(folder: Path | None, name: str, *arguments: object) -> float | None:
@@ -115,9 +119,12 @@ def single(folder: Path | None, sides: list[int], sor: bool) -> None:
         run = jax.jit(SOLVER.solve)
         none, pulled = constant(ni, nj), constant(ni, nj, 0.03, -0.03)
         begun = compilations()
-        first = cold(run, start, none)
+        (first,) = in_turns(lambda run=run, start=start, none=none: run(start, none), repeats=1)
         between = compilations()
-        warm = timed(run, start, none, repeats=20 if ni < 200 else 5)
+        (warm,) = in_turns(
+            lambda run=run, start=start, none=none: run(start, none),
+            repeats=20 if ni < 200 else 5,
+        )
         cycles, bent = (run(start, controls)[1] for controls in (none, pulled))
         counts = between - begun, compilations() - between
         assert cycles.converged
@@ -147,21 +154,20 @@ def gradient(sides: list[int]) -> None:
     for side in sides:
         start, controls = transfinite(side, side), fields(side, side, 0.03, -0.03)
         weight = weights(side)
-        forward = jax.jit(weighted)
-        cold(forward, start, controls, weight)
-        alone = timed(forward, start, controls, weight, repeats=5)
-        began = time.perf_counter()
-        both = jax.jit(jax.value_and_grad(weighted, argnums=(0, 1)))
-        both = both.lower(start, controls, weight).compile()
-        jax.block_until_ready(both(start, controls, weight))
-        first = time.perf_counter() - began
-        warm = timed(both, start, controls, weight, repeats=5)
-        assert all(jnp.isfinite(g).all() for g in jax.tree.leaves(both(start, controls, weight)[1]))
+        problem = start, controls, weight
+        forward, _ = compiled(weighted, *problem)
+        both, seconds = compiled(jax.value_and_grad(weighted, argnums=(0, 1)), *problem)
+        jax.block_until_ready((forward(*problem), both(*problem)))
+        alone, warm = in_turns(
+            lambda forward=forward, problem=problem: forward(*problem),
+            lambda both=both, problem=problem: both(*problem),
+        )
+        assert all(jnp.isfinite(g).all() for g in jax.tree.leaves(both(*problem)[1]))
         taken = both.memory_analysis()
         own = taken.temp_size_in_bytes / side**2 / 1024
         ends = taken.argument_size_in_bytes + taken.output_size_in_bytes
         print(
-            f"{side:5} x {side:<5} {first:15.1f} {warm:9.4f} {warm / alone:12.2f} "
+            f"{side:5} x {side:<5} {seconds:15.1f} {warm:9.4f} {warm / alone:12.2f} "
             f"{own:12.2f} {own + ends / side**2 / 1024:12.2f}",
             flush=True,
         )
@@ -183,18 +189,16 @@ def many(count: int, side: int) -> tuple[jax.Array, ControlFunctions]:
 
 def batch(count: int, side: int, large: int) -> None:
     starts, controls = many(count, side)
-    run = jax.jit(jax.vmap(SOLVER.solve))
-    first = cold(run, starts, controls)
-    seconds = timed(run, starts, controls, repeats=3)
+    run, compiling = compiled(jax.vmap(SOLVER.solve), starts, controls)
     report = run(starts, controls)[1]
     assert report.converged.all()
-    big = jax.jit(SOLVER.solve)
-    big_start, big_controls = transfinite(large, large), fields(large, large)
-    cold(big, big_start, big_controls)
-    single = timed(big, big_start, big_controls, repeats=3)
+    big_problem = transfinite(large, large), fields(large, large)
+    big, _ = compiled(SOLVER.solve, *big_problem)
+    jax.block_until_ready(big(*big_problem))
+    seconds, single = in_turns(lambda: run(starts, controls), lambda: big(*big_problem), repeats=3)
     share = (count * side**2 / seconds) / (large**2 / single)
     print(
-        f"batch of {count} of {side} x {side}: compile {first:.1f} s, warm {seconds:.3f} s, "
+        f"batch of {count} of {side} x {side}: compile {compiling:.1f} s, warm {seconds:.3f} s, "
         f"{int(report.iterations.min())} to {int(report.iterations.max())} cycles, "
         f"{share:.2f} of the nodes a second of one grid of {large} x {large}"
     )

@@ -17,7 +17,16 @@ from grid_samples import (
 from random_outlines import bent_strip, smooth_controls, star
 
 from fdjax.domain.patch import cosine_top
-from fdjax.grid import block_tridiagonal, elliptic, multigrid, operators, transfer, winslow
+from fdjax.grid import (
+    batches,
+    block_tridiagonal,
+    elliptic,
+    multigrid,
+    operators,
+    solvers,
+    transfer,
+    winslow,
+)
 from fdjax.grid.solvers import CONVERGED, TOO_LONG, Multigrid, Newton
 
 
@@ -91,7 +100,7 @@ def test_transfers_keep_bilinear_functions_and_means(shape):
 # --- linear solutions ---
 
 
-@pytest.mark.parametrize("shape", [(18, 15), (40, 6)])
+@pytest.mark.parametrize("shape", [(18, 15), (40, 6), (66, 70)])
 def test_linear_solutions_are_those_of_elimination(shape):
     start = transfinite(cosine_top(), shape)
     functions = controls(shape, 0.02, -0.03)
@@ -192,22 +201,68 @@ def test_many_lattices_are_solved_at_once_as_each_alone():
         np.testing.assert_allclose(together[k], alone, atol=1e-7)
 
 
-def test_lattices_of_a_batch_wait_for_few_others_only():
-    """More than are solved at once, in two nested maps, one argument the same for all."""
+@pytest.fixture
+def few_lanes(monkeypatch):
+    """Lots of two, sorted anew after every second cycle."""
+    monkeypatch.setattr(batches, "LANES", 2)
+    monkeypatch.setattr(solvers, "IN_A_ROUND", 2)
+
+
+@pytest.mark.usefixtures("few_lanes")
+def test_lattices_of_a_batch_run_as_long_as_each_alone():
+    """In several lots, in two nested maps, one argument the same for all."""
     shape = (12, 9)
     start, functions = jnp.asarray(transfinite(cosine_top(), shape)), controls(shape, 0.05)
-    heights = jnp.array([[1.0, 0.7, 1.3], [1.1, 1.2, 0.8]])
+    heights = jnp.array([[1.0, 0.4, 1.3], [2.5, 1.2, 0.8]])
     starts = start * jnp.stack([jnp.ones_like(heights), heights], -1)[:, :, None, None]
     solve = Multigrid(1e-11).solve
     by_row = jax.vmap(solve, in_axes=(0, None))
     together, report = quick_jit(jax.vmap(by_row, in_axes=(0, None)))(starts, functions)
-    flat, _ = quick_jit(by_row)(starts.reshape(6, *start.shape), functions)
+    flat, _ = quick_jit(by_row)(starts.reshape(6, *start.shape)[:5], functions)
     assert report.converged.all()
+    assert len(set(np.asarray(report.iterations).ravel())) > 1
     for k in range(6):
-        alone, own = solved(Multigrid(1e-11), starts[divmod(k, 3)], functions)
-        assert int(report.iterations[divmod(k, 3)]) == int(own.iterations)
-        np.testing.assert_allclose(together[divmod(k, 3)], alone, atol=1e-7)
-        np.testing.assert_allclose(flat[k], alone, atol=1e-7)
+        place = divmod(k, 3)
+        alone, own = solved(Multigrid(1e-11), starts[place], functions)
+        assert int(report.iterations[place]) == int(own.iterations)
+        np.testing.assert_allclose(report.history[place], own.history, rtol=1e-3, atol=1e-12)
+        np.testing.assert_allclose(together[place], alone, atol=1e-7)
+        if k < 5:
+            np.testing.assert_allclose(flat[k], alone, atol=1e-7)
+
+
+@pytest.mark.usefixtures("few_lanes")
+def test_a_lattice_that_fails_leaves_its_neighbours_alone():
+    shape = (12, 9)
+    start, functions = jnp.asarray(transfinite(cosine_top(), shape)), controls(shape, 0.05)
+    none = start.at[5, 4].set(jnp.nan)
+    starts = jnp.stack([start, none, start])
+    found, report = quick_jit(jax.vmap(Multigrid(1e-11).solve, in_axes=(0, None)))(
+        starts, functions
+    )
+    np.testing.assert_array_equal(report.converged, [True, False, True])
+    alone, own = solved(Multigrid(1e-11), start, functions)
+    for k in (0, 2):
+        assert int(report.iterations[k]) == int(own.iterations)
+        np.testing.assert_allclose(found[k], alone, atol=1e-7)
+
+
+@pytest.mark.usefixtures("few_lanes")
+def test_warm_starts_in_a_batch():
+    """One that is solved takes no iteration, whether all others are warm or one is not."""
+    shape = (12, 9)
+    cold, functions = jnp.asarray(transfinite(cosine_top(), shape)), controls(shape, 0.05)
+    exact, own = solved(Multigrid(1e-11), cold, functions)
+    near = exact + 1e-3 * (cold - exact)
+    starts = jnp.stack([exact, near, near])
+    solve = quick_jit(jax.vmap(Multigrid(1e-11).solve, in_axes=(0, None, 0)))
+    for warm in (jnp.full(3, True), jnp.array([True, False, True])):
+        found, report = solve(starts, functions, warm)
+        assert report.converged.all()
+        assert int(report.iterations[0]) == 0
+        assert (report.iterations[1:] >= 1).all()
+        assert not warm.all() or report.iterations[1] < own.iterations
+        np.testing.assert_allclose(found, np.broadcast_to(exact, found.shape), atol=1e-7)
 
 
 # --- any domain ---
