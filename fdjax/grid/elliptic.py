@@ -273,9 +273,8 @@ class Elliptic(eqx.Module):
 
         `start`: the solved nodes of a grid much like this one, as of a neighbouring layer, to begin
         with; they are moved as the sides have moved. The result and its derivative are those of a
-        cold start, to the solver's tolerance. Where eq. (8)'s domain has become 0.1 % (1 %) higher,
-        Newton's method takes 2 (3) steps instead of 7 on 51 x 51 nodes; multigrid, whose cold start
-        is good already, 10 (11) cycles instead of 12 on 65 x 65. Raises `InputError` for a start of
+        cold start, to the solver's tolerance. Near starts save most of Newton's steps, and few of
+        multigrid's cycles, whose cold start is good already. Raises `InputError` for a start of
         another shape.
         """
         cold, controls = self.problem()

@@ -1,9 +1,9 @@
 """Multigrid for the elliptic grid equations and for their linearisation, forward and transposed.
 
-Full approximation scheme (Brandt, Math. Comp. 31, 1977): zebra line relaxation along xi and eta
-before and along xi after each coarse correction, and a start from the coarsest lattice upwards.
-Everything is per index step of its own lattice; a residual changes by the product of the steps'
-ratios, squared, from lattice to lattice.
+Full approximation scheme (Brandt, Math. Comp. 31, 1977): zebra line relaxation once along eta
+before and twice along xi after each coarse correction, and a start from the coarsest lattice
+upwards. Everything is per index step of its own lattice; a residual changes by the product of the
+steps' ratios, squared, from lattice to lattice.
 """
 
 from collections.abc import Callable, Sequence
@@ -40,12 +40,10 @@ Shape = tuple[int, int]
 _COARSEST = 17
 _SWEEPS_TO_START = 20
 _STEPWISE = 2
-"""So many lattices are halved once, all coarser ones twice: more lattices bring nothing but time to
-compile."""
-
+"""So many lattices are halved once, coarser ones twice: more bring nothing but time to compile."""
 
 _MANY = 5
-"""Lattices from which on the second one's visits to the third are worth their time."""
+"""Lattices from which on it is worth the time that the second one, too, visits the next twice."""
 
 
 @jax.tree_util.register_dataclass
@@ -121,7 +119,7 @@ def cycles(
 
     - `levels`: a hierarchy, finest first.
     - `visits`: how often a lattice visits the next coarser one in a cycle, finest first, 1 below;
-      by default as often as keeps the number of cycles small.
+      by default twice from the finest, and in large hierarchies from the second.
     - `fresh`: whether to begin with a solution on the next coarser lattice, found in the same way:
       a full-multigrid start, for f = 0 only. May be traced.
     - `linear`: for linear operators: coarse changes start from zero.
@@ -164,7 +162,7 @@ def cycles(
 def linear_levels(operator: AbstractLinear) -> list[Any]:
     """A hierarchy in single precision, of which the coarsest lattice is eliminated.
 
-    That costs about as many operations as relaxing the finest lattice does.
+    It is the finest of which that takes no more operations than relaxing the whole finest lattice.
     """
     ni, nj = operator.terms[0].shape
     shapes = _lattices((ni, nj), lambda shape: shape[0] * shape[1] ** 3 <= 20 * ni * nj)
