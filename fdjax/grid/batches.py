@@ -5,6 +5,7 @@ rows whatever the lattice. They run some iterations, and are sorted anew by how 
 so none waits long for a slower one.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -12,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-LANES = 16
-"""Problems side by side: more would not fit in a cache, fewer leave short rows."""
+AT_ONCE = 200_000
+"""Nodes side by side: with more they would not fit in a cache, with fewer rows are short."""
 
 
 def batched(alone: Callable[..., Any], together: Callable[..., Any]) -> Callable[..., Any]:
@@ -55,6 +56,7 @@ def in_lanes(
     problems: Any,
     states: Any,
     left: Callable[[Any, Any], Array],
+    nodes: int,
 ) -> Any:
     """States of all problems after as many rounds as it takes until nothing is left to do.
 
@@ -63,9 +65,11 @@ def in_lanes(
       the last axis.
     - `left(problems, states)`: for each problem, along the first axis, a measure of what is left to
       do, zero when it is done.
+    - `nodes`: those of one problem.
     """
     count = jax.tree.leaves(states)[0].shape[0]
-    lots = -(-count // LANES)
+    # A power of two: whole vectors of a processor.
+    lots = -(-count // 2 ** int(math.log2(max(AT_ONCE / nodes, 1))))
     size = -(-count // lots)
     # The last one again makes the lots equal.
     own = jnp.minimum(jnp.arange(lots * size), count - 1)

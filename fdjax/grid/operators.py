@@ -37,7 +37,7 @@ class _Nodes(NamedTuple):
     first: int = 0
 
     def of(self, u: Plane, di: int = 0, dj: int = 0) -> Array:
-        """The values at the neighbours at an offset; a scalar is the same everywhere."""
+        """The values at the neighbours at an offset; a scalar, or one a lane, is so everywhere."""
         if u.ndim < 2:
             return u
         first, end, step = [0] * u.ndim, list(u.shape), [1] * u.ndim
@@ -45,7 +45,7 @@ class _Nodes(NamedTuple):
             skip = self.first and axis != self.axis
             start, step[axis] = (self.first, 2) if skip else (1, 1)
             first[axis], end[axis] = start + offset, u.shape[axis] - 1 + offset
-        # What it cuts it cuts often: indexing says the same but takes the compiler's time.
+        # Thousands of these are traced; indexing would say the same in thrice the time.
         return jax.lax.slice(u, first, end, step)
 
     def spread(self, values: Array, shape: tuple[int, ...]) -> Plane:
@@ -171,7 +171,7 @@ class AbstractOperator:
                 u = each(lambda v, d, nodes=nodes: v + nodes.spread(d, v.shape), u, change)
             return u
 
-        # A loop, so that it is compiled once.
+        # A loop, so that a sweep is compiled once.
         return jax.lax.fori_loop(0, sweeps, sweep, u)
 
 
@@ -223,14 +223,14 @@ def _coefficients(
 
 
 Terms = tuple[Plane, ...] | Float[Array, "11 ni nj"]
+"""Planes of a linear operator: apart on the finest lattice, whose copies take time, or stacked."""
 
 
 def derivative(u: Pair, equations: GridEquations) -> Terms:
     """The equations linearised at the lattice u, per index step.
 
     `a v_xx - 2 b v_xe + c v_ee + of_xi v_x + of_eta v_e` with 2 x 2 matrices of_xi and of_eta: the
-    planes a, b, c, and xx, xy, yx, yy of of_xi and of of_eta. Walls are as their neighbours; what
-    it acts on is zero there.
+    planes a, b, c, and xx, xy, yx, yy of both. Walls are as their neighbours; v is zero there.
     """
     x, y = (_ALL.differences(plane) for plane in u)
     phi, psi, p, q = map(_ALL.of, equations.controls)

@@ -312,6 +312,7 @@ class Multigrid(AbstractSolver):
         warm: Bool[Array, " many"],
     ) -> tuple[Float[Array, "many ni nj 2"], Report]:
         """All solved in lanes; a full-multigrid start for all where one is not warm."""
+        ni, nj = starts.shape[1:3]
         first, unit, goal = jax.vmap(_measured, in_axes=(0, 0, None, 0))(
             starts, controls, self.tolerance, warm
         )
@@ -325,7 +326,7 @@ class Multigrid(AbstractSolver):
 
         def advance(problems: tuple, states: tuple) -> tuple:
             controls, goal = problems
-            step = self._stepping(controls, (starts.shape[1], starts.shape[2]), warm.all())
+            step = self._stepping(controls, (ni, nj), warm.all())
 
             def of_those_active(state: tuple) -> tuple:
                 moving = active(goal, state[1])
@@ -343,7 +344,7 @@ class Multigrid(AbstractSolver):
             )[1]
 
         begun = planes(starts), jax.vmap(_Progress.begun)(first)
-        found, progress = batches.in_lanes(advance, (controls, goal), begun, left)
+        found, progress = batches.in_lanes(advance, (controls, goal), begun, left, nodes=ni * nj)
         r = points(found)
         of = partial(Report.of, limit=self.max_cycles)
         return r, jax.vmap(of)(r, progress, unit, goal)

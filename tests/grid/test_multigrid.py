@@ -203,8 +203,8 @@ def test_many_lattices_are_solved_at_once_as_each_alone():
 
 @pytest.fixture
 def few_lanes(monkeypatch):
-    """Lots of two, sorted anew after every second cycle."""
-    monkeypatch.setattr(batches, "LANES", 2)
+    """Lots of two lattices of 12 x 9, sorted anew after every second cycle."""
+    monkeypatch.setattr(batches, "AT_ONCE", 2 * 12 * 9)
     monkeypatch.setattr(solvers, "IN_A_ROUND", 2)
 
 
