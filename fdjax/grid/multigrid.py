@@ -113,7 +113,6 @@ def cycles(
     count: int = 1,
     visits: tuple[int, ...] | None = None,
     fresh: Any = False,
-    linear: bool = False,
 ) -> Pair:
     """u after `count` multigrid cycles for N(u) = f, or = 0 without f.
 
@@ -122,9 +121,9 @@ def cycles(
       by default twice from the finest, and in large hierarchies from the second.
     - `fresh`: whether to begin with a solution on the next coarser lattice, found in the same way:
       a full-multigrid start, for f = 0 only. May be traced.
-    - `linear`: for linear operators: coarse changes start from zero.
 
-    All visits of a lattice share one loop, so that each is compiled once.
+    For linear operators coarse changes start from zero. All visits of a lattice share one loop, so
+    that each is compiled once.
     """
     level, *rest = levels
     if not rest:
@@ -137,21 +136,13 @@ def cycles(
         starting = number == 0
         u = operator.relaxed(u, f, 1)
         residual = each(lambda v: restricted_residual(v, coarse_shape), operator.residual(u, f))
-        if linear:
+        if isinstance(operator, AbstractLinear):
             coarse, goal = each(jnp.zeros_like, residual), each(jnp.negative, residual)
         else:
             coarse = each(lambda v: restricted(v, coarse_shape), u)
             own = rest[0].operator.residual(coarse)
             goal = each(lambda n, r: jnp.where(starting, 0.0, n - r), own, residual)
-        found = cycles(
-            rest,
-            coarse,
-            goal,
-            count=(*visits, 1)[0],
-            visits=visits[1:],
-            fresh=starting,
-            linear=linear,
-        )
+        found = cycles(rest, coarse, goal, count=(*visits, 1)[0], visits=visits[1:], fresh=starting)
         change = each(lambda new, old: prolonged(new - old, shape), found, coarse)
         u = each(lambda v, d: v + interior(d), u, change)
         return operator.relaxed(u, f, 0, sweeps=2)
@@ -162,7 +153,7 @@ def cycles(
 def linear_levels(operator: AbstractLinear) -> list[Any]:
     """A hierarchy in single precision, of which the coarsest lattice is eliminated.
 
-    It is the finest of which that takes no more operations than relaxing the whole finest lattice.
+    It is the finest that is eliminated in about the time that one relaxation of the finest takes.
     """
     ni, nj = operator.terms[0].shape
     shapes = _lattices((ni, nj), lambda shape: shape[0] * shape[1] ** 3 <= 20 * ni * nj)
@@ -212,7 +203,7 @@ def solve_linear(
 
     def step(state: _Search) -> _Search:
         goal = each(lambda u: (u / state.size).astype(jnp.float32), state.residual)
-        way = cycles(levels, each(jnp.zeros_like, goal), goal, visits=(2,), linear=True)
+        way = cycles(levels, each(jnp.zeros_like, goal), goal, visits=(2,))
         way = each(lambda u: u.astype(rhs[0].dtype), way)
         image = operator.residual(way)
         shares = each(lambda old, new: jnp.einsum("kij,ij->k", old, new), state.images, image)

@@ -262,7 +262,7 @@ class Multigrid(AbstractSolver):
     each cut back like a Newton step where it folds the lattice or does not help; where all shorter
     ones fold too, the whole one is taken, and later ones may unfold it again. Stops when the mean
     correction is below `tolerance` times that of the starting lattice, or as small as rounding lets
-    it be. `vmap` solves as many lattices as there are side by side: `fdjax.grid.batches`.
+    it be. `vmap` solves several lattices side by side: `fdjax.grid.batches`.
     """
 
     tolerance: float = 1e-10

@@ -82,11 +82,14 @@ def test_the_mean_correction_and_folds_are_those_of_winslow():
 # --- transfers ---
 
 
+@pytest.mark.parametrize("halvings", [1, 2])
 @pytest.mark.parametrize("shape", [(17, 33), (18, 20), (31, 9), (51, 6)])
-def test_transfers_keep_bilinear_functions_and_means(shape):
+def test_transfers_keep_bilinear_functions_and_means(shape, halvings):
     xi, eta = np.linspace(0, 1, shape[0])[:, None], np.linspace(0, 1, shape[1])
     plane = jnp.asarray(1 + 2 * xi - eta + 3 * xi * eta)
-    smaller = transfer.halved(shape)
+    smaller = shape
+    for _ in range(halvings):
+        smaller = transfer.halved(smaller)
     coarse = transfer.restricted(plane, smaller)
     assert max(coarse.shape) < max(shape)
     u, v = np.linspace(0, 1, coarse.shape[0])[:, None], np.linspace(0, 1, coarse.shape[1])
