@@ -18,11 +18,11 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from fdjax.domain.patch import cosine_top
 from fdjax.errors import DesignError
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import SOR, AbstractSolver, Newton, Report
+from fdjax.part.patch import cosine_top
 from fdjax.units import MICROSTEP
 
 NODES = (51, 31)

@@ -3,20 +3,18 @@
 Public names are loaded on first use, so that what needs no JAX does not load it.
 """
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import Any
 
 _HOMES = {
-    "rectangle": "domain.patch",
-    "cosine_top": "domain.patch",
-    "from_curves": "domain.patch",
-    "from_polygon": "domain.patch",
-    "contour": "domain.contour",
-    "Target": "design.target",
-    "expression": "design.target",
-    "design": "design.design",
+    "rectangle": "part.patch",
+    "cosine_top": "part.patch",
+    "from_curves": "part.patch",
+    "from_polygon": "part.patch",
+    "contour": "part.contour",
+    "Target": "target.target",
+    "expression": "target.target",
+    "design": "optimise.design",
     "lay": "plan.trace",
     "trim": "plan.trace",
     "check": "plan.check",
@@ -48,14 +46,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *_HOMES})
-
-
-class _Package(ModuleType):
-    """Keeps the room `fdjax.design` from taking the place of the function of that name."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _HOMES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

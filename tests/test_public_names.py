@@ -24,8 +24,8 @@ def test_other_names_are_not():
 @pytest.mark.parametrize("first", ["expression", "design"])
 def test_design_is_the_function_whatever_came_first(first):
     code = (
-        f"import fdjax; fdjax.{first}; import fdjax.design.target; "
-        "from fdjax.design import target; assert target.expression is fdjax.expression; "
+        f"import fdjax; fdjax.{first}; import fdjax.target.target; "
+        "from fdjax.target import target; assert target.expression is fdjax.expression; "
         "assert fdjax.design.__name__ == 'design' and callable(fdjax.design)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

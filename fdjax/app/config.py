@@ -8,7 +8,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from fdjax.app.keys import (
+from fdjax.app.part import Part
+from fdjax.errors import InputError
+from fdjax.keys import (
     FILE,
     FLAG,
     LENGTH,
@@ -27,8 +29,6 @@ from fdjax.app.keys import (
     show,
     whole,
 )
-from fdjax.app.part import Part
-from fdjax.errors import InputError
 
 
 def _name(value: Any, place: Place) -> str:
@@ -43,7 +43,7 @@ def _machine(value: Any, place: Place) -> str:
 
 
 def _formula(value: Any, place: Place) -> str:
-    from fdjax.design.expression import Expression
+    from fdjax.target.expression import Expression
 
     text = value if isinstance(value, str) else show(value)
     try:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import shapely
 
-from fdjax.design import target as targets
-from fdjax.domain.contour import contour
 from fdjax.errors import InputError
 from fdjax.formats import read_file
+from fdjax.part.contour import contour
 from fdjax.plan.coverage import coverage
 from fdjax.plan.measure import Comparison, Measurement, compare, measure
 from fdjax.plan.toolpath import Build
+from fdjax.target import target as targets
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from fdjax.app.keys import (
+from fdjax.errors import InputError
+from fdjax.keys import (
     COORDINATE,
     FILE,
     FLAG,
@@ -23,7 +24,6 @@ from fdjax.app.keys import (
     show,
     whole,
 )
-from fdjax.errors import InputError
 
 Point = tuple[float, float]
 Points = tuple[Point, ...]

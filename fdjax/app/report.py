@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from fdjax.app.config import Job
-from fdjax.design.design import Design
 from fdjax.formats.profile import Machine
+from fdjax.optimise.design import Design
 from fdjax.plan.check import Finding
 from fdjax.plan.measure import Comparison, Measurement
 from fdjax.plan.toolpath import Build

@@ -9,22 +9,22 @@ from threading import Thread
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.report import Written, faults_of, report_of, table_of
-from fdjax.design.design import Design
-from fdjax.design.design import design as solve
-from fdjax.design.optimise import Progress
-from fdjax.design.target import Target
-from fdjax.domain.patch import Patch
 from fdjax.errors import DesignError
 from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
 from fdjax.grid.continuation import Continuation
 from fdjax.grid.solvers import SOR, Multigrid, Newton
+from fdjax.optimise.design import Design
+from fdjax.optimise.design import design as solve
+from fdjax.optimise.least_squares import Progress
+from fdjax.part.patch import Patch
 from fdjax.pattern.base import Lines
 from fdjax.plan.check import check
 from fdjax.plan.coverage import coverage
 from fdjax.plan.measure import compare, measure
 from fdjax.plan.toolpath import Build
 from fdjax.plan.trace import lay, trim
+from fdjax.target.target import Target
 from fdjax.units import MICROSTEP
 
 

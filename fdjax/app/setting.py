@@ -6,14 +6,14 @@ from shapely import Polygon
 
 from fdjax.app.config import Job, TargetSource
 from fdjax.app.part import Circle, Part, Side
-from fdjax.design import target as targets
-from fdjax.design.target import Target
-from fdjax.domain import curve
-from fdjax.domain.contour import circle, contour
-from fdjax.domain.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
 from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.formats.profile import Machine
+from fdjax.part import curve
+from fdjax.part.contour import circle, contour
+from fdjax.part.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
+from fdjax.target import target as targets
+from fdjax.target.target import Target
 
 CURVES = {"polyline": curve.polyline, "spline": curve.spline}
 

@@ -13,7 +13,7 @@ from fdjax.errors import InputError
 from fdjax.formats import strict
 from fdjax.formats.strict import key, table
 from fdjax.formats.template import GCODE_NAMES, SML_NAMES, check
-from fdjax.plan.limits import Limits
+from fdjax.limits import Limits
 
 _FOLDER = Path(__file__).parent / "profiles"
 

@@ -6,9 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from fdjax.domain.curve import Curve
 from fdjax.grid.base import AbstractSeparableMap, Sides
 from fdjax.grid.spacing import AbstractSpacing, UniformSpacing
+from fdjax.part.curve import Curve
 
 
 class Cartesian(AbstractSeparableMap):

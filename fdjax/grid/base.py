@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from fdjax.domain.curve import Curve
-from fdjax.domain.patch import Patch
+from fdjax.part.curve import Curve
+from fdjax.part.patch import Patch
 
 jax.tree_util.register_dataclass(Curve, ["breaks", "coefficients"], ["corners"])
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from fdjax.plan.limits import Limits
+from fdjax.limits import Limits
 from fdjax.road.porosity import Deposit
 
 

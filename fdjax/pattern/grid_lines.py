@@ -16,9 +16,9 @@ from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
+from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Lines, Penalties
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
-from fdjax.plan.limits import Limits
 from fdjax.road import porosity
 from fdjax.road.holes import Holes
 from fdjax.road.porosity import Deposit, Lattice, Margins, Samples

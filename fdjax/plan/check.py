@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Polygon, STRtree, contains_xy, distance, intersects, prepare
 
-from fdjax.plan.limits import Limits
+from fdjax.limits import Limits
 from fdjax.plan.segments import Crossings, Segments
 from fdjax.plan.spacing import approaches, spans
 from fdjax.plan.toolpath import Build, Layer

@@ -6,9 +6,9 @@ import numpy as np
 import shapely
 from jaxtyping import Array, Float
 
-from fdjax.domain.raster import Raster
 from fdjax.road.bead import section_area
 from fdjax.road.porosity import Deposit
+from fdjax.target.raster import Raster
 
 
 class Holes(eqx.Module):

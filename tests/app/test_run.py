@@ -15,12 +15,12 @@ from PIL import Image
 
 from fdjax.app import run
 from fdjax.app.cli import main
-from fdjax.design.design import Design
-from fdjax.domain.patch import cosine_top
 from fdjax.formats import profile, read_file
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import Newton
+from fdjax.optimise.design import Design
+from fdjax.part.patch import cosine_top
 
 JOB = """
 machine = "marlin-0.4"

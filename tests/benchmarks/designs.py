@@ -5,7 +5,7 @@
 One objective, that of the cells' porosity on the domain of eq. (8) with a solver of 51 x 31 nodes,
 minimised in three ways:
 
-- fdjax: `fdjax.design.optimise.optimise`, Levenberg-Marquardt with a whole Jacobian a step;
+- fdjax: `fdjax.optimise.least_squares.optimise`, Levenberg-Marquardt with a whole Jacobian a step;
 - sparse: SciPy's L-BFGS-B; the grid by Newton's method with SuperLU, the gradient by an adjoint
   with the same factors, everything else compiled by JAX;
 - adjoint: SciPy's L-BFGS-B with fdjax's own compiled value and gradient.
@@ -38,11 +38,11 @@ except ImportError:
     sys.exit("designs.py compares with SciPy, which is not installed: pip install scipy")
 
 import fdjax
-from fdjax.design.objective import Objective
-from fdjax.design.optimise import optimise
 from fdjax.grid import operators, winslow
 from fdjax.grid.elliptic import NodeMap
 from fdjax.grid.transfer import planes
+from fdjax.optimise.least_squares import optimise
+from fdjax.optimise.objective import Objective
 from fdjax.pattern.grid_lines import elliptic
 
 jax.config.update("jax_enable_x64", True)

@@ -24,12 +24,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from fdjax.domain.patch import cosine_top
 from fdjax.grid.algebraic import Transfinite
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import solve
 from fdjax.grid.solvers import Multigrid
 from fdjax.grid.winslow import ControlFunctions
+from fdjax.part.patch import cosine_top
 
 TOLERANCE = 1e-8
 SOLVER = Multigrid(TOLERANCE)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from grids import SOLVER, compilations, compiled, constant, many, transfinite, weighted, weights
 
-from fdjax.domain.patch import cosine_top
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import Elliptic, solve
 from fdjax.grid.solvers import Multigrid, Newton
+from fdjax.part.patch import cosine_top
 
 
 def run(benchmark, function, *arguments):

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from shapely import Polygon
 
-from fdjax.domain.curve import arc
-from fdjax.domain.patch import from_curves, from_polygon
 from fdjax.grid import elliptic, operators, transfer, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite
 from fdjax.grid.base import Sides
 from fdjax.grid.winslow import ControlFunctions
+from fdjax.part.curve import arc
+from fdjax.part.patch import from_curves, from_polygon
 
 SHAPE = (17, 17)
 

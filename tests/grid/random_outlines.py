@@ -3,8 +3,8 @@
 import numpy as np
 import shapely
 
-from fdjax.domain.patch import from_polygon
 from fdjax.grid.winslow import ControlFunctions
+from fdjax.part.patch import from_polygon
 
 
 def _transfinite(bottom, right, top, left):

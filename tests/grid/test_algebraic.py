@@ -6,11 +6,11 @@ from grid_samples import chevron, circle, evaluate, places, quick_jit, transfini
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdjax.domain.curve import arc
-from fdjax.domain.patch import cosine_top, rectangle
 from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import Sides, tangents
 from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
+from fdjax.part.curve import arc
+from fdjax.part.patch import cosine_top, rectangle
 from fdjax.units import MICROSTEP
 
 XI, ETA = places(9, 7)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from grid_samples import circle, controls, quick_jit, solved, transfinite
 
-from fdjax.domain.patch import cosine_top
 from fdjax.grid import elliptic
 from fdjax.grid.continuation import Continuation
 from fdjax.grid.solvers import Newton
+from fdjax.part.patch import cosine_top
 
 SHAPE = (41, 31)
 PLAIN = Newton(1e-10)

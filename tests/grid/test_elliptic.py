@@ -20,9 +20,6 @@ from grid_samples import (
     transfinite,
 )
 
-from fdjax.domain.contour import contour
-from fdjax.domain.curve import polyline
-from fdjax.domain.patch import cosine_top, from_curves, from_polygon, rectangle
 from fdjax.errors import InputError
 from fdjax.grid import elliptic, winslow
 from fdjax.grid.algebraic import Spacings
@@ -30,6 +27,9 @@ from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.winslow import ControlFunctions
+from fdjax.part.contour import contour
+from fdjax.part.curve import polyline
+from fdjax.part.patch import cosine_top, from_curves, from_polygon, rectangle
 
 EXACT = Newton(tolerance=1e-12)
 REFINED = [(9, 9), SHAPE]

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from grid_samples import places, quick_jit
 
-from fdjax.domain.patch import cosine_top
 from fdjax.grid.algebraic import Spacings
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import Newton
 from fdjax.grid.spacing import DensitySpacing
+from fdjax.part.patch import cosine_top
 
 RANDOM = np.random.default_rng(7)
 WEIGHTS = RANDOM.normal(size=(11, 12, 2))

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from grid_samples import controls, quick_jit, transfinite
 
-from fdjax.domain.patch import cosine_top
 from fdjax.grid import operators, winslow
 from fdjax.grid.solvers import SOR, Multigrid, Newton
 from fdjax.grid.winslow import ControlFunctions
+from fdjax.part.patch import cosine_top
 
 WAYS = (operators._overwritten, lambda s: operators._solved_one_by_one(s, 0))
 

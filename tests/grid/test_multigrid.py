@@ -16,7 +16,6 @@ from grid_samples import (
 )
 from random_outlines import bent_strip, smooth_controls, star
 
-from fdjax.domain.patch import cosine_top
 from fdjax.grid import (
     batches,
     block_tridiagonal,
@@ -28,6 +27,7 @@ from fdjax.grid import (
     winslow,
 )
 from fdjax.grid.solvers import CONVERGED, TOO_LONG, Multigrid, Newton
+from fdjax.part.patch import cosine_top
 
 
 def padded(values):

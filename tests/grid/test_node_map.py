@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from grid_samples import bumped, chevron, evaluate, places, quick_jit, transfinite
 
-from fdjax.domain.patch import cosine_top
 from fdjax.grid.algebraic import Spacings
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import NodeMap
 from fdjax.grid.spacing import RobertsSpacing, UniformSpacing
+from fdjax.part.patch import cosine_top
 
 through = quick_jit(NodeMap.through)
 SPACINGS = Spacings(

@@ -12,10 +12,10 @@ from grid_samples import (
     transfinite,
 )
 
-from fdjax.domain.patch import cosine_top, rectangle
 from fdjax.grid.operators import corner_jacobians
 from fdjax.grid.solvers import SOR, Newton
 from fdjax.grid.transfer import planes
+from fdjax.part.patch import cosine_top, rectangle
 from fdjax.units import MICROSTEP
 
 EXACT = Newton(tolerance=1e-12)

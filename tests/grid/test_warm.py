@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from grid_samples import places, quick_jit, transfinite
 
-from fdjax.domain.patch import cosine_top
 from fdjax.errors import InputError
 from fdjax.grid.algebraic import between_walls
 from fdjax.grid.base import Sides
 from fdjax.grid.continuation import Continuation
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import SOR, Multigrid, Newton
+from fdjax.part.patch import cosine_top
 
 NODES = (33, 25)
 SIDES = Sides.of(cosine_top())

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import shapely
 
-from fdjax.domain.patch import cosine_top, from_polygon, rectangle
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides
+from fdjax.limits import Limits
+from fdjax.part.patch import cosine_top, from_polygon, rectangle
 from fdjax.pattern.grid_lines import MAPS, Controls, GridLines
-from fdjax.plan.limits import Limits
 from fdjax.road.porosity import Samples
 from fdjax.road.stacking import Stacking
 

@@ -3,9 +3,9 @@ import pytest
 from shapely import Point, box
 
 from fdjax.errors import InputError
+from fdjax.limits import Limits
 from fdjax.plan.check import check
 from fdjax.plan.join import lay_family
-from fdjax.plan.limits import Limits
 from fdjax.plan.toolpath import Build, Layer, Road
 
 PLATE = box(0, 0, 20, 20)

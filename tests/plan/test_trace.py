@@ -7,8 +7,8 @@ import pytest
 import shapely
 
 from fdjax.errors import InputError
+from fdjax.limits import Limits
 from fdjax.plan.check import check
-from fdjax.plan.limits import Limits
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.plan.trace import lay, trim
 from fdjax.road.bead import section_area

@@ -5,7 +5,7 @@ import pytest
 import shapely
 from deposit_samples import AREA, HEIGHT, WIDTH, deposit, laid, pattern
 
-from fdjax.domain.patch import rectangle
+from fdjax.part.patch import rectangle
 from fdjax.plan.measure import measure
 from fdjax.road.holes import Holes
 

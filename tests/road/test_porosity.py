@@ -7,9 +7,9 @@ import pytest
 import shapely
 from deposit_samples import AREA, HEIGHT, WIDTH, deposit, in_windows, laid, line_volume, pattern
 
-from fdjax.domain.patch import cosine_top, from_polygon, rectangle
 from fdjax.grid.algebraic import Cartesian
 from fdjax.grid.base import Tangents, tangents
+from fdjax.part.patch import cosine_top, from_polygon, rectangle
 from fdjax.plan.measure import measure
 from fdjax.road.porosity import Samples, cell_porosity, equal_edges, midpoints, whole_lines
 from fdjax.road.stacking import Stacking

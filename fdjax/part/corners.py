@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from shapely import LinearRing, MultiPoint, Polygon, box
 
-from fdjax.domain.curve import Floats, as_points
 from fdjax.errors import InputError
+from fdjax.part.curve import Floats, as_points
 
 TOLERANCE = 1e-4
 """How far a named corner may lie from the outline, as a share of the outline's size."""

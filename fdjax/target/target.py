@@ -10,9 +10,9 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from fdjax.arrays import namespace
-from fdjax.design.expression import Expression
-from fdjax.domain.raster import Extent, Raster
 from fdjax.errors import InputError
+from fdjax.target.expression import Expression
+from fdjax.target.raster import Extent, Raster
 from fdjax.units import length
 
 Floats = NDArray[np.float64]

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LinearRing, Polygon, affinity, box
 
-from fdjax.domain.contour import circle
-from fdjax.domain.corners import four_sides
 from fdjax.errors import InputError
+from fdjax.part.contour import circle
+from fdjax.part.corners import four_sides
 
 SQUARE = box(0, 0, 10, 10).exterior
 

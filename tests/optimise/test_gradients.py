@@ -14,12 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fdjax.design.objective import Objective
-from fdjax.domain.patch import cosine_top, rectangle
 from fdjax.grid.base import Sides
 from fdjax.grid.solvers import Newton
+from fdjax.limits import Limits
+from fdjax.optimise.objective import Objective
+from fdjax.part.patch import cosine_top, rectangle
 from fdjax.pattern.grid_lines import Controls, GridLines
-from fdjax.plan.limits import Limits
 from fdjax.road.porosity import Samples
 from fdjax.road.stacking import Stacking
 from fdjax.road.window import SoftWindows

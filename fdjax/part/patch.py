@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from shapely import LinearRing, Polygon
 
-from fdjax.domain.contour import Hole, closed_ring, valid_polygon
-from fdjax.domain.corners import four_sides
-from fdjax.domain.curve import Curve, Floats, polyline, spline
 from fdjax.errors import InputError
+from fdjax.part.contour import Hole, closed_ring, valid_polygon
+from fdjax.part.corners import four_sides
+from fdjax.part.curve import Curve, Floats, polyline, spline
 from fdjax.units import MICROSTEP
 
 _CLOSING = 1e-6
@@ -80,7 +80,7 @@ def from_curves(
     A side is reversed where that makes it chain with its neighbours. `holes` are polygons, rings
     or points. Raises `InputError` as `Patch` does.
 
-    >>> from fdjax.domain.curve import arc
+    >>> from fdjax.part.curve import arc
     >>> a, b, c, d = (0, 0), (4, 0), (4, 3), (0, 3)
     >>> patch = from_curves(polyline([a, b]), polyline([c, b]), arc(c, (2, 4), d), polyline([d, a]))
     >>> patch.right.start.tolist(), patch.right.end.tolist()
@@ -97,12 +97,12 @@ def from_curves(
 def from_polygon(
     polygon: Polygon, *, corners: ArrayLike | None = None, smooth: bool = False
 ) -> Patch:
-    """The patch of a polygon (mm, see `fdjax.domain.contour`) cut at four corners; holes stay.
+    """The patch of a polygon (mm, see `fdjax.part.contour`) cut at four corners; holes stay.
 
     - `corners`: four points on the outline, shape (4, 2), mm, counter-clockwise; the first is
       (xi, eta) = (0, 0), the second (1, 0). They may lie in the middle of an edge, and off the
       outline by up to 1e-4 of its size. By default they are chosen by the rule of
-      `fdjax.domain.corners.four_sides`: the outline's points nearest to the corners of its
+      `fdjax.part.corners.four_sides`: the outline's points nearest to the corners of its
       smallest rectangle, from the lower left one on.
     - `smooth`: run each side through a cubic spline of its points instead of a polyline.
 

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from fdjax.design.design import design
-from fdjax.domain.patch import cosine_top, rectangle
 from fdjax.errors import InputError
 from fdjax.formats import profile
+from fdjax.limits import Limits
+from fdjax.optimise.design import design
+from fdjax.part.patch import cosine_top, rectangle
 from fdjax.plan.check import check
-from fdjax.plan.limits import Limits
 from fdjax.plan.measure import compare, measure
 from fdjax.plan.trace import lay
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fdjax.errors import InputError
 from fdjax.grid.algebraic import Transfinite
 from fdjax.grid.base import Sides, Tangents, norm, tangents
-from fdjax.plan.limits import Limits
+from fdjax.limits import Limits
 from fdjax.road.bead import road_width, section_area
 from fdjax.road.porosity import midpoints
 from fdjax.road.stacking import FAMILIES, Stacking

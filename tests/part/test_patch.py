@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LinearRing, Polygon
 
-from fdjax.domain.contour import circle, contour
-from fdjax.domain.curve import Curve, arc, polyline
-from fdjax.domain.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
 from fdjax.errors import InputError
+from fdjax.part.contour import circle, contour
+from fdjax.part.curve import Curve, arc, polyline
+from fdjax.part.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
 from fdjax.units import MICROSTEP
 
 INSOLE = Path(__file__).parents[2] / "examples" / "insole.geojson"

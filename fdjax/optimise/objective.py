@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Penalties
-from fdjax.plan.limits import Limits
 from fdjax.road.window import SoftWindows
 
 jax.tree_util.register_dataclass(SoftWindows, ["size", "start", "area", "target", "total"], [])

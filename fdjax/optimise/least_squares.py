@@ -12,7 +12,7 @@ import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from fdjax.design.objective import Objective
+from fdjax.optimise.objective import Objective
 from fdjax.precision import require_float64
 
 SCALE = 3e3

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdjax.domain.curve import Curve, arc, polyline, spline
 from fdjax.errors import InputError
+from fdjax.part.curve import Curve, arc, polyline, spline
 
 S = np.linspace(0, 1, 41)
 

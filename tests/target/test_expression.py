@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdjax.design.expression import DEEPEST, LONGEST, Expression
 from fdjax.errors import InputError
+from fdjax.target.expression import DEEPEST, LONGEST, Expression
 
 X, Y = np.array([0.3, 2.0, 7.5]), np.array([1.1, 0.4, 3.0])
 

@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from fdjax.design import target as targets
-from fdjax.design.target import Raster, Target
 from fdjax.errors import InputError
+from fdjax.target import target as targets
+from fdjax.target.target import Raster, Target
 
 BOX = (0.0, 0.0, 80.0, 40.0)
 PLATE = shapely.box(*BOX)

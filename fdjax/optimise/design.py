@@ -9,20 +9,20 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from fdjax.design.objective import Objective
-from fdjax.design.optimise import Outcome, Progress, optimise
-from fdjax.design.start import Start, begin
-from fdjax.domain.patch import Patch
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides
 from fdjax.grid.continuation import Continuation
 from fdjax.grid.quality import Quality, quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.spacing import fit_log_density
+from fdjax.limits import Limits
+from fdjax.optimise.least_squares import Outcome, Progress, optimise
+from fdjax.optimise.objective import Objective
+from fdjax.optimise.start import Start, begin
+from fdjax.part.patch import Patch
 from fdjax.pattern.base import Lines
 from fdjax.pattern.grid_lines import Controls, GridLines
 from fdjax.pattern.width import free_of
-from fdjax.plan.limits import Limits
 from fdjax.precision import require_float64
 from fdjax.road.holes import Holes
 from fdjax.road.porosity import Samples, equal_edges, whole_lines

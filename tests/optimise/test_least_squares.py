@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from jaxtyping import Array
 
-from fdjax.design.objective import Residuals
-from fdjax.design.optimise import optimise
 from fdjax.errors import InputError
+from fdjax.optimise.least_squares import optimise
+from fdjax.optimise.objective import Residuals
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
 

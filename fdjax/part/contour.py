@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from shapely import LinearRing, Polygon
 from shapely.geometry.polygon import orient
 
-from fdjax.domain.curve import Floats, as_point, as_points
 from fdjax.errors import InputError
+from fdjax.part.curve import Floats, as_point, as_points
 from fdjax.units import length
 
 Hole = Polygon | LinearRing | ArrayLike

@@ -1,0 +1,32 @@
+"""What a pattern wants laid on one layer, before clipping and joining. Loads no JAX.
+
+Each kind of stroke is one class here and one file in `fdjax.plan`, which says how it is laid.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines of one family: level sets of one function, each of one level, clipped where it ends.
+
+    - `family`: "xi" or "eta"; `parity`: as in `road.stacking.Scan`.
+    - `level`: of each polyline, whole numbers that count the function's level sets in order, shape
+      (lines,). Several polylines may share one level. All run the same way round: the higher
+      levels lie on the left of each.
+    - `xy`: each polyline, shape (points, 2), mm; `width`: of each segment, shape (points - 1,), mm.
+    - `material`: number of the material or tool.
+    """
+
+    family: str
+    parity: int
+    level: NDArray[np.intp]
+    xy: Sequence[Floats]
+    width: Sequence[Floats]
+    material: int = 0
