@@ -1,88 +1,126 @@
-"""Square windows with soft edges, for a porosity that can be differentiated.
+"""Windows with soft edges, for a porosity that can be differentiated.
 
 Measuring counts with sharp windows (`plan.measure`); a road that slides over a sharp edge makes a
 jump there, so design counts with edges that rise over half a window. The windows overlap by half
-in both directions: no design is fitted to the place of the measuring windows.
+along each axis: no design is fitted to the place of the measuring windows.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from fdjax.arrays import namespace
+from fdjax.part.cells import cell_areas, cells
+from fdjax.part.part import Part
+from fdjax.road.deposit import Deposit, Raster
 
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class SoftWindows:
-    """A lattice of soft windows over an outline, every half a size in x and in y.
+    """A lattice of soft windows over a part, every half a size along x and y, and along z.
 
     - `size`: side of a window between the middles of its edges, mm.
-    - `start`: middle of the first window, shape (2,), mm: the corner of the outline's bounding box.
-    - `area`: of the outline in each window, shape (nx, ny), mm^2.
-    - `target`: mean solid share asked for in each window, shape (nx, ny); 0 where area is 0.
-    - `total`: integral of the solid share asked for over the outline, mm^2.
+    - `start`: middle of the first window, shape (3,), mm: the corner of the part's box.
+    - `room`: volume of the part in each window, shape (nx, ny, nz), mm^3.
+    - `target`: mean solid share asked for in each window, shape (nx, ny, nz); 0 without room.
+    - `full`: volume of a window that lies in the part wholly, mm^3.
+    - `total`: volume of material asked for in the whole part, mm^3.
 
-    Edges on the bounding box are hard: nothing slides across them.
+    Edges on the box are hard: nothing slides across them. A part that is alike at all heights has
+    one window along z, all of it.
     """
 
     size: float
     start: Floats
-    area: Floats
+    room: Floats
     target: Floats
+    full: float
     total: float
 
     @classmethod
     def over(
-        cls, outline: shapely.Polygon, target: Any, size: float, fine: int = 16
+        cls,
+        part: Part,
+        solid: Callable[[Any, Any, Any], Any],
+        size: float,
+        *,
+        flat: bool,
+        fine: int = 16,
     ) -> "SoftWindows":
-        """Windows of side `size` (mm) over `outline`; `target(x, y)` is the solid share asked.
+        """Windows of side `size` (mm) over a part; `solid(x, y, z)` is the solid share asked.
 
-        The outline's area and the target are summed over cells of about a `fine`-th of a window,
-        cut exactly at the outline.
+        Regions and target are summed over cells of about a `fine`-th of a window, cut exactly at
+        the walls. `flat` says that neither changes along z.
         """
-        x0, y0, x1, y1 = outline.bounds
-        (corner_x, mid_x), (corner_y, mid_y) = (
-            _cells(a, b, size / fine) for a, b in ((x0, x1), (y0, y1))
+        low, high = np.array([*part.bounds[:2], 0.0]), np.array([*part.bounds[2:], part.height])
+        count = np.maximum(np.ceil((high - low) * 2 / size - 1e-6).astype(int), 1)
+        count[2] = 1 if flat else count[2]
+        nothing = np.zeros(count)
+        full = size**2 * (size if count[2] > 1 else part.height)
+        empty = cls(size, low, nothing, nothing, full, 0.0)
+        (edge_x, x), (edge_y, y) = (
+            cells(a, b, size / fine) for a, b in zip(low[:2], high[:2], strict=True)
         )
-        area = _cut_cells(outline, corner_x, corner_y)
-        xx, yy = np.meshgrid(mid_x, mid_y, indexing="ij")
-        asked = np.where(area > 0, np.asarray(target(xx, yy)), 0.0)
-        windows = np.ceil([(x1 - x0) * 2 / size - 1e-6, (y1 - y0) * 2 / size - 1e-6]).astype(int)
-        nothing = np.zeros(np.maximum(windows, 1) + 1)
-        empty = cls(size, np.array([x0, y0]), nothing, nothing, 0.0)
-        points = np.stack([xx.ravel(), yy.ravel()], 1)
-        sums, asked_sums = (
-            empty.sums(points, area.ravel()),
-            empty.sums(points, (area * asked).ravel()),
-        )
-        return replace(
-            empty,
-            area=sums,
-            target=asked_sums / np.maximum(sums, 1e-300),
-            total=float((area * asked).sum()),
-        )
+        xx, yy = np.meshgrid(x, y, indexing="ij")
+        slabs = part.slabs[:1] if flat else part.slabs
+        area = {slab.region: np.zeros(0) for slab in slabs}
+        for region in area:
+            area[region] = cell_areas(region.geometry, edge_x, edge_y)
+        room, asked, total = nothing, nothing, 0.0
+        for slab in slabs:
+            height, middle = slab.height, slab.z - slab.height / 2
+            if flat:
+                height, middle = part.height, part.height / 2
+            volume = height * area[slab.region]
+            wanted = volume * np.where(volume > 0, np.asarray(solid(xx, yy, middle)), 0.0)
+            place = x, y, np.array([middle])
+            room = room + empty.sums(Raster(*place, volume[..., None]))
+            asked = asked + empty.sums(Raster(*place, wanted[..., None]))
+            total += float(wanted.sum())
+        return cls(size, low, room, asked / np.maximum(room, 1e-300), full, total)
 
-    def sums(self, xy: Any, amounts: Any) -> Any:
-        """Amounts (n,) at points xy (n, 2) summed in each window, shape (nx, ny)."""
+    def sums(self, deposit: Deposit) -> Any:
+        """The volumes of a deposit summed in each window, shape (nx, ny, nz)."""
+        nx, ny, nz = self.room.shape
+        if isinstance(deposit, Raster):
+            x, y, z = (
+                self._shares(places - start, count)
+                for places, start, count in zip(deposit[:3], self.start, self.room.shape, strict=True)
+            )
+            xp = namespace(deposit.volume, x)
+            along_z = xp.einsum("cl,ijl->ijc", z, deposit.volume)
+            return xp.einsum("ajc,bj->abc", xp.einsum("ai,ijc->ajc", x, along_z), y)
+        if nz > 1:
+            raise ValueError("points are counted in windows that run through all layers")
         # Each window is two by two cells between neighbouring edges, and no two edges' rises
         # overlap: a point lies in two by two cells. A margin of empty cells surrounds them all.
-        nx, ny = (count + 1 for count in self.area.shape)
-        i, in_x = self._cells_around(xy[:, 0] - self.start[0], nx - 2)
-        j, in_y = self._cells_around(xy[:, 1] - self.start[1], ny - 2)
-        parts = in_x[:, :, None] * in_y[:, None, :] * amounts[:, None, None]
-        place = i[:, :, None] * ny + j[:, None, :]
-        if namespace(xy, amounts) is np:
-            sums = np.bincount(place.ravel(), parts.ravel(), nx * ny)
+        i, in_x = self._cells_around(deposit.xyz[:, 0] - self.start[0], nx - 1)
+        j, in_y = self._cells_around(deposit.xyz[:, 1] - self.start[1], ny - 1)
+        parts = in_x[:, :, None] * in_y[:, None, :] * deposit.volume[:, None, None]
+        place = i[:, :, None] * (ny + 1) + j[:, None, :]
+        size = (nx + 1) * (ny + 1)
+        if namespace(deposit.xyz, deposit.volume) is np:
+            sums = np.bincount(place.ravel(), parts.ravel(), size)
         else:
-            sums = namespace(xy, amounts).zeros(nx * ny).at[place.ravel()].add(parts.ravel())
-        sums = sums.reshape(nx, ny)
+            sums = namespace(parts).zeros(size).at[place.ravel()].add(parts.ravel())
+        sums = sums.reshape(nx + 1, ny + 1)
         sums = sums[1:] + sums[:-1]
-        return sums[:, 1:] + sums[:, :-1]
+        return (sums[:, 1:] + sums[:, :-1])[..., None]
+
+    def _shares(self, distance: Any, count: int) -> Any:
+        """How much of each of `count` windows along an axis a place has, shape (count, n)."""
+        if count == 1:
+            return np.ones((1, len(distance)))
+        xp = namespace(distance)
+        near, share = self._cells_around(distance, count - 1)
+        cell = xp.arange(count + 1)[:, None, None]
+        in_cells = xp.where(cell == near, share, 0.0).sum(-1)
+        return in_cells[1:] + in_cells[:-1]
 
     def _cells_around(self, distance: Any, cells: int) -> tuple[Any, Any]:
         """The cells before and after the nearest edge, shape (n, 2), and the shares in them.
@@ -98,20 +136,3 @@ class SoftWindows:
         rise = xp.where(edge == 0, 1.0, xp.where(edge == cells, 0.0, rise))
         cells_around = edge.astype(int)[:, None] + np.arange(2)
         return cells_around, np.array([1.0, 0.0]) + rise[:, None] * np.array([-1.0, 1.0])
-
-
-def _cells(start: float, end: float, side: float) -> tuple[Floats, Floats]:
-    """Corners and middles of cells of about this side that fill the interval exactly."""
-    corners = np.linspace(start, end, max(1, round((end - start) / side)) + 1)
-    return corners, (corners[1:] + corners[:-1]) / 2
-
-
-def _cut_cells(outline: shapely.Polygon, x: Floats, y: Floats) -> Floats:
-    """Area of the outline in each cell of a lattice with these edges."""
-    boxes = shapely.box(x[:-1, None], y[:-1], x[1:, None], y[1:])
-    shapely.prepare(outline)
-    inside = shapely.contains_properly(outline, boxes)
-    area = np.where(inside, shapely.area(boxes), 0.0)
-    edge = ~inside & shapely.intersects(outline, boxes)
-    area[edge] = shapely.area(shapely.intersection(boxes[edge], outline))
-    return area
