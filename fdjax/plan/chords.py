@@ -14,6 +14,9 @@ Ints = NDArray[np.intp]
 _LONGEST = 4.0
 """Longer segments are split, mm: the box round a long slanting one holds much that is far."""
 
+_SAME = 1e-9
+"""Two places nearer than this along a line are one, mm."""
+
 
 @dataclass(frozen=True, eq=False)
 class Chords:
@@ -65,3 +68,29 @@ class Chords:
         i, j = self.tree.query(linestrings(np.stack([low, high], 1)))
         keep = self.owner[i] < self.owner[j]
         return i[keep], j[keep]
+
+    def distance(self, i: Ints, j: Ints) -> Floats:
+        """Between pairs that do not cross, mm."""
+        ends = ((i, j, self.start), (i, j, self.end), (j, i, self.start), (j, i, self.end))
+        least = np.full(len(i), np.inf)
+        for a, b, point in ends:
+            offset, unit = point[a] - self.start[b], self.unit[b]
+            along = np.clip((offset * unit).sum(1), 0, self.length[b])
+            least = np.minimum(least, np.hypot(*(offset - along[:, None] * unit).T))
+        return least
+
+
+def stretch(xy: Floats, width: Floats, a: float, b: float) -> tuple[Floats, Floats]:
+    """Points and widths of a polyline between two places along it, mm.
+
+    >>> xy, width = stretch(np.array([(0.0, 0), (4, 0), (4, 4)]), np.array([0.4, 0.5]), 1, 6)
+    >>> xy.tolist(), width.tolist()
+    ([[1.0, 0.0], [4.0, 0.0], [4.0, 2.0]], [0.4, 0.5])
+    """
+    at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    if a <= 0 and b >= at[-1]:
+        return xy, width
+    ends = np.stack([np.interp([a, b], at, axis) for axis in xy.T], 1)
+    points = np.concatenate([ends[:1], xy[(at > a + _SAME) & (at < b - _SAME)], ends[1:]])
+    first = int(np.searchsorted(at, max(a, 0.0) + _SAME, side="right")) - 1
+    return points, width[first : first + len(points) - 1]

@@ -78,7 +78,7 @@ def cut_lines(lines: Sequence[Floats], widths: Sequence[Floats], walls: Walls) -
         line = int(breaks.line[first])
         pieces += [_joined(line, chain) for chain in _chains(stretches)]
     shortest = SHORTEST * walls.road_width
-    return [piece for piece in _closed_up(pieces, lines) if _length(piece.xy) >= shortest]
+    return [piece for piece in closed_up(pieces, lines) if _length(piece.xy) >= shortest]
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +162,7 @@ class _Breaks:
         return None if wall < 0 else (wall, float(self.position[index]))
 
 
-def _closed_up(pieces: list[Piece], lines: Sequence[Floats]) -> list[Piece]:
+def closed_up(pieces: list[Piece], lines: Sequence[Floats]) -> list[Piece]:
     """The pieces, with those that meet where a closed line begins and ends made into one."""
     whole: list[Piece] = []
     for number, group in groupby(pieces, key=lambda piece: piece.line):
@@ -214,8 +214,8 @@ def _press(
     """The stretch moved onto the wall beside it, or None where the line is to end instead."""
     xy, width = family.vertices(breaks, a, b)
     length = _length(xy)
-    # A line that meets the wall at more than about 15 degrees does not run along it.
-    if at_end and length <= 4 * slack:
+    # A line that meets the wall at more than about 4 degrees does not run along it.
+    if at_end and length <= 16 * slack:
         return None
     known = {int(wall) for wall in breaks.wall[[a, b]] if wall >= 0}
     if len(known) == 2:

@@ -70,6 +70,7 @@ def choose(ways: Sequence[Way], level: Sequence[int], parity: int, near: set[tup
 
     1. Back and forth: levels k and k + 1 are joined where they finish if `k + parity` is even,
        where they start if it is odd. A run so climbs from level to level, and none is a ring.
+       Where all but every second, fourth ... level was thinned out, those count as neighbours.
     2. Ends still free, of whatever levels, where that closes no ring.
 
     - `level`: of each piece; `near`: pairs of ways too near each other to be both made.
@@ -105,8 +106,11 @@ def choose(ways: Sequence[Way], level: Sequence[int], parity: int, near: set[tup
 
     def turns(way: Way) -> bool:
         i, j = way.ends
-        k, m = level[i // 2], level[j // 2]
-        return abs(k - m) == 1 and i % 2 == j % 2 == (min(k, m) + parity + 1) % 2
+        k, m = sorted((level[i // 2], level[j // 2]))
+        step = m - k
+        if step == 0 or step & (step - 1) or k % step:
+            return False
+        return i % 2 == j % 2 == (k // step + parity + 1) % 2
 
     make(number for number, way in enumerate(ways) if turns(way))
     make(range(len(ways)))
@@ -115,6 +119,7 @@ def choose(ways: Sequence[Way], level: Sequence[int], parity: int, near: set[tup
 
 def ways_along(
     pieces: Sequence[Piece],
+    chords: Chords,
     walls: Walls,
     *,
     lift_length: float,
@@ -128,13 +133,14 @@ def ways_along(
     its own turn: where a line meets the wall at so small an angle that it would not, the line
     ends early and the join starts across the wedge.
     """
-    found = _Finder(pieces, walls)
+    found = _Finder(pieces, chords, walls)
     return found.ways(lift_length, longest_join)
 
 
 @dataclass(frozen=True, eq=False)
 class _Finder:
     pieces: Sequence[Piece]
+    chords: Chords
     walls: Walls
 
     @cached_property
@@ -188,10 +194,9 @@ class _Finder:
         """Those that keep away from roads, cut short where they must, and those in conflict."""
         width = self.walls.road_width
         lines = _lines(ways)
-        chords = Chords.of([p.xy for p in self.pieces], [p.width for p in self.pieces])
-        which, chord = chords.tree.query(lines, predicate="dwithin", distance=width / 2)
+        which, chord = self.chords.tree.query(lines, predicate="dwithin", distance=width / 2)
         own = np.array([way.ends for way in ways]) // 2
-        foreign = (own[which] != chords.owner[chord][:, None]).all(1)
+        foreign = (own[which] != self.chords.owner[chord][:, None]).all(1)
         blocked = np.zeros(len(ways), bool)
         blocked[which[foreign]] = True
         cut = self._cuts(ways, lines)

@@ -9,6 +9,7 @@ from shapely import MultiPolygon, Polygon
 
 from fdjax.errors import InputError
 from fdjax.part.region import Region
+from fdjax.plan.chords import Chords, stretch
 from fdjax.plan.cut import Piece, cut_lines
 from fdjax.plan.join import Joins, choose, ways_along
 from fdjax.plan.order import order_roads
@@ -74,10 +75,16 @@ def lay_lines(
     walls = Room.of(room).walls(max(float(width.max()) for width in widths))
     arrays, widths = simplify_paths(arrays, widths, tolerance=tolerance / 2)
     cut = cut_lines(arrays, widths, walls)
-    pieces, left_out = thin(cut, lines.level, least_spacing=least_spacing)
+    if not cut:
+        return Laid([], [])
+    chords = Chords.of([piece.xy for piece in cut], [piece.width for piece in cut])
+    pieces, gone = thin(cut, chords, arrays, lines.level, least_spacing=least_spacing)
+    if gone:
+        chords = Chords.of([piece.xy for piece in pieces], [piece.width for piece in pieces])
     level = [int(lines.level[piece.line]) for piece in pieces]
     ways, near = ways_along(
         pieces,
+        chords,
         walls,
         lift_length=lift_length,
         longest_join=LONGEST_JOIN if longest_join is None else longest_join,
@@ -94,7 +101,7 @@ def lay_lines(
     roads = [road(*_deposit(pieces, joins, run)) for run in joins.runs(len(pieces))]
     roads = simplify_roads(roads, tolerance=tolerance / 2)
     long = [road.length >= SHORTEST_ROAD * road.width.mean() for road in roads]
-    left_out = [road(piece.xy, piece.width) for piece in left_out]
+    left_out = [road(piece.xy, piece.width) for piece in gone]
     left_out += [road for road, keep in zip(roads, long, strict=True) if not keep]
     roads = [road for road, keep in zip(roads, long, strict=True) if keep]
     return Laid(order_roads(roads, start=start), left_out)
@@ -129,8 +136,10 @@ def _deposit(pieces: Sequence[Piece], joins: Joins, run: list[int]) -> tuple[Flo
             xy.append(way[1:-1])
             width.append(np.full(len(way) - 1, (last + widths[0]) / 2))
         last = float(widths[-1])
-        cuts = joins.cut.get(entry, 0.0), joins.cut.get(entry ^ 1, 0.0)
-        course, widths = _between(course, widths, *cuts)
+        before, after = joins.cut.get(entry, 0.0), joins.cut.get(entry ^ 1, 0.0)
+        if before or after:
+            length = float(np.hypot(*np.diff(course, axis=0).T).sum())
+            course, widths = stretch(course, widths, before, length - after)
         xy.append(course)
         width.append(widths)
     points, widths = np.concatenate(xy), np.concatenate(width)
@@ -140,16 +149,3 @@ def _deposit(pieces: Sequence[Piece], joins: Joins, run: list[int]) -> tuple[Flo
 
 def _directed(piece: Piece, back: int) -> tuple[Floats, Floats]:
     return (piece.xy[::-1], piece.width[::-1]) if back else (piece.xy, piece.width)
-
-
-def _between(xy: Floats, width: Floats, before: float, after: float) -> tuple[Floats, Floats]:
-    """A polyline less these lengths at its start and at its end."""
-    if before == after == 0:
-        return xy, width
-    at = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
-    stops = np.array([before, at[-1] - after])
-    inner = (at > stops[0]) & (at < stops[1])
-    ends = np.stack([np.interp(stops, at, axis) for axis in xy.T], 1)
-    first = int(np.searchsorted(at, stops[0], side="right")) - 1
-    points = np.concatenate([ends[:1], xy[inner], ends[1:]])
-    return points, width[first : first + len(points) - 1]
