@@ -1,7 +1,6 @@
 """A family of lines as continuous roads: cut at the walls, joined along them, put in order."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +11,7 @@ from fdjax.part.region import Region
 from fdjax.plan.chords import Chords, stretch
 from fdjax.plan.cut import Piece, cut_lines
 from fdjax.plan.join import Joins, choose, ways_along
+from fdjax.plan.laid import Laid
 from fdjax.plan.order import order_roads
 from fdjax.plan.room import Room
 from fdjax.plan.simplify import simplify_paths, simplify_roads
@@ -26,13 +26,6 @@ LONGEST_JOIN = 20.0
 
 SHORTEST_ROAD = 3.0
 """A road shorter than so many of its widths is not worth laying alone."""
-
-
-class Laid(NamedTuple):
-    """The roads of one kind of stroke in their order, and what was left out for want of room."""
-
-    roads: list[Road]
-    left_out: list[Road]
 
 
 def lay_lines(
@@ -71,12 +64,12 @@ def lay_lines(
     """
     arrays, widths = _checked(lines)
     if not arrays:
-        return Laid([], [])
+        return Laid()
     walls = Room.of(room).walls(max(float(width.max()) for width in widths))
     arrays, widths = simplify_paths(arrays, widths, tolerance=tolerance / 2)
     cut = cut_lines(arrays, widths, walls)
     if not cut:
-        return Laid([], [])
+        return Laid()
     chords = Chords.of([piece.xy for piece in cut], [piece.width for piece in cut])
     pieces, gone = thin(cut, chords, arrays, lines.level, least_spacing=least_spacing)
     if gone:
@@ -104,7 +97,7 @@ def lay_lines(
     left_out = [road(piece.xy, piece.width) for piece in gone]
     left_out += [road for road, keep in zip(roads, long, strict=True) if not keep]
     roads = [road for road, keep in zip(roads, long, strict=True) if keep]
-    return Laid(order_roads(roads, start=start), left_out)
+    return Laid(tuple(order_roads(roads, start=start)), tuple(left_out))
 
 
 def _checked(lines: Lines) -> tuple[list[Floats], list[Floats]]:

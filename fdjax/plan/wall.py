@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import floor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +40,7 @@ class Wall:
         keep = np.concatenate([[True], steps > 0])
         return cls(xy[keep], np.concatenate([[0.0], np.cumsum(steps[steps > 0])]))
 
-    @property
+    @cached_property
     def length(self) -> float:
         return float(self.at[-1])
 
@@ -52,8 +51,7 @@ class Wall:
 
     def corners(self, a: float, b: float) -> Floats:
         """Vertices strictly between positions `a` and `b`, in the order of the walk."""
-        index, _ = self._between(a, b)
-        return self.xy[index]
+        return self.xy[self._between(a, b)[0]]
 
     def corner_positions(self, a: float, b: float) -> Floats:
         """Positions of the same, in the walk's own turns."""
@@ -61,15 +59,17 @@ class Wall:
         return self.at[index] + turn * self.length
 
     def _between(self, a: float, b: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Index of each vertex between and the turn of the ring on which it is met."""
         low, high = min(a, b) + 1e-9, max(a, b) - 1e-9
-        index, turns = [], []
-        for turn in range(floor(low / self.length), floor(high / self.length) + 1):
-            span = np.searchsorted(self.at[:-1], [low - turn * self.length,
-                                                  high - turn * self.length])  # fmt: skip
-            index.append(np.arange(*span))
-            turns.append(np.full(len(index[-1]), turn))
-        found = np.concatenate(index), np.concatenate(turns)
-        return found if b >= a else (found[0][::-1], found[1][::-1])
+        count = len(self.at) - 1
+        first, last = (
+            int(self.at[:-1].searchsorted(place % self.length)) + int(place // self.length) * count
+            for place in (low, high)
+        )
+        steps = np.arange(first, last)
+        if b < a:
+            steps = steps[::-1]
+        return steps % count, steps // count
 
     def locate(self, xy: Floats) -> Floats:
         """Positions of the nearest points of the wall to `xy`, shape (n, 2)."""
