@@ -18,10 +18,10 @@ Floats = NDArray[np.float64]
 OWN_TURN = 2.0
 """So many road widths from its corner a join may lie beside the line that it joins."""
 
-APART = 0.55
+APART = 0.7
 """Beyond its own turn a join keeps so many road widths from centre line to centre line."""
 
-LONGEST_CUT = 8.0
+LONGEST_CUT = 10.0
 """So many road widths a line may end early for that."""
 
 

@@ -21,7 +21,7 @@ from fdjax.road.stroke import Lines
 
 Floats = NDArray[np.float64]
 
-LONGEST_JOIN = 20.0
+LONGEST_JOIN = 25.0
 """A join along a wall is no longer than this unless asked, mm."""
 
 SHORTEST_ROAD = 3.0
