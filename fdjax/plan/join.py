@@ -196,9 +196,14 @@ class _Finder:
         lines = _lines(ways)
         which, chord = self.chords.tree.query(lines, predicate="dwithin", distance=width / 2)
         own = np.array([way.ends for way in ways]) // 2
-        foreign = (own[which] != self.chords.owner[chord][:, None]).all(1)
+        same = own[which] == self.chords.owner[chord][:, None]
         blocked = np.zeros(len(ways), bool)
-        blocked[which[foreign]] = True
+        blocked[which[~same.any(1)]] = True
+        for side in (0, 1):
+            mine = same[:, side]
+            end = np.array([way.ends[side] for way in ways])[which[mine]]
+            beyond = self._beyond(end, chord[mine])
+            blocked[which[mine][shapely.distance(beyond, lines[which[mine]]) < width / 2]] = True
         cut = self._cuts(ways, lines)
         clear = [
             made
@@ -213,6 +218,18 @@ class _Finder:
         near = {(a, b) for a, b in pairs if not set(clear[a].ends) & set(clear[b].ends)}
         return clear, near
 
+    def _beyond(self, end: NDArray[np.intp], chord: NDArray[np.intp]) -> NDArray[np.object_]:
+        """What of these chords lies further from these ends than a line may end early."""
+        chords = self.chords
+        start, at, length = chords.start[chord], chords.at[chord], chords.length[chord]
+        limit = LONGEST_CUT * self.walls.road_width
+        low, high = np.maximum(limit - at, 0), length
+        last = shapely.length(self.courses[end // 2]) - limit - at
+        low, high = np.where(end % 2, 0, low), np.where(end % 2, np.minimum(last, length), high)
+        unit = chords.unit[chord]
+        parts = start[:, None] + np.stack([low, high], 1)[..., None] * unit[:, None]
+        return np.where(low < high, shapely.linestrings(parts), None)
+
     def _cuts(self, ways: list[Way], lines: NDArray[np.object_]) -> Floats:
         """By how much each way's two pieces are to end early, (n, 2); infinite where they cannot."""
         width = self.walls.road_width
@@ -221,7 +238,7 @@ class _Finder:
         room = 0.4 * shapely.length(course)
         steps = np.arange(OWN_TURN, LONGEST_CUT + 0.1, 0.5) * width
         cut = np.zeros(ends.shape)
-        few = steps[[0, 2, 5, -1]]
+        few = steps[[0, 2, 4, 6, 8, 12, 16]]
         suspect = (self._distance(course, ends, lines, few) < APART * width) & (
             few <= room[..., None]
         )
