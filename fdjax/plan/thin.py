@@ -18,6 +18,9 @@ CROWDED = 0.98
 SHORTEST_LEFT = 5.0
 """What thinning leaves of a piece is at least so many road widths long."""
 
+_PARTED = 0.6
+"""Parts of one line keep so many road widths from each other."""
+
 _NEVER = 62
 
 
@@ -72,17 +75,17 @@ def _halvings(level: int) -> int:
 def _crowded(
     pieces: Sequence[Piece], chords: Chords, least_spacing: float | None
 ) -> tuple[Ints, Ints, Floats]:
-    """Pairs of chords of different lines that are nearer than their least spacing, which is third.
+    """Pairs of chords of different pieces nearer than their least spacing, which is the third array.
 
     Only those of pieces of which a pair is crowded.
     """
     widest = float(chords.width.max()) if least_spacing is None else least_spacing
     i, j = chords.near_pairs(widest)
     line = np.array([piece.line for piece in pieces])
-    apart = line[chords.owner[i]] != line[chords.owner[j]]
-    i, j = i[apart], j[apart]
     mean = (chords.width[i] + chords.width[j]) / 2
     least = mean if least_spacing is None else np.full(len(i), least_spacing)
+    # Where a wall barely parts a line, what lies beyond is no road beside it.
+    least = np.where(line[chords.owner[i]] == line[chords.owner[j]], _PARTED * mean, least)
     distance = chords.distance(i, j)
     if not (distance < CROWDED * least).any():
         return i[:0], j[:0], least[:0]
