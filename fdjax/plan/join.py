@@ -235,17 +235,18 @@ class _Finder:
         width = self.walls.road_width
         ends = np.array([way.ends for way in ways])
         course = self.courses[ends // 2]
-        room = 0.4 * shapely.length(course)
+        length = shapely.length(course)
         steps = np.arange(OWN_TURN, LONGEST_CUT + 0.1, 0.5) * width
         cut = np.zeros(ends.shape)
         few = steps[[0, 2, 4, 6, 8, 12, 16]]
         suspect = (self._distance(course, ends, lines, few) < APART * width) & (
-            few <= room[..., None]
+            few <= length[..., None]
         )
         for k, side in np.argwhere(suspect.any(-1)):
             distance = self._distance(course[k, side], ends[k, side], lines[k], steps)[0]
-            last = int(np.flatnonzero(distance < APART * width)[-1]) + 1
-            fits = last < len(steps) and steps[last] <= room[k, side]
+            close = (distance < APART * width) & (steps <= length[k, side])
+            last = int(np.flatnonzero(close)[-1]) + 1
+            fits = last < len(steps) and steps[last] <= 0.4 * length[k, side]
             cut[k, side] = steps[last] if fits else np.inf
         return cut
 

@@ -122,7 +122,10 @@ def _removed(
     near, crowded = within(least), within(CROWDED * least)
     middle = crowded.mean(1)
     holds = [((a <= middle) & (middle <= b)).any() for a, b in near]
-    return near[np.array(holds, bool)]
+    near = near[np.array(holds, bool)]
+    # The two ends that a gap leaves are not to lie on each other.
+    short = np.maximum(least.max(initial=0.0) - (near[:, 1] - near[:, 0]), 0) / 2
+    return _united(near + short[:, None] * [-1, 1])
 
 
 def _united(spans: Floats) -> Floats:
@@ -140,7 +143,7 @@ def _left(gone: Floats, total: float, shortest: float) -> Floats:
     """What is left between 0 and `total` and is no shorter than this."""
     if not len(gone):
         return np.array([[0.0, total]])
-    edges = np.concatenate([[0.0], gone.ravel(), [total]]).reshape(-1, 2)
+    edges = np.concatenate([[0.0], np.clip(gone, 0, total).ravel(), [total]]).reshape(-1, 2)
     return edges[edges[:, 1] - edges[:, 0] >= shortest]
 
 
