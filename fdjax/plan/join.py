@@ -65,7 +65,9 @@ class Joins:
         return found
 
 
-def choose(ways: Sequence[Way], level: Sequence[int], parity: int, near: set[tuple[int, int]]) -> Joins:
+def choose(
+    ways: Sequence[Way], level: Sequence[int], parity: int, near: set[tuple[int, int]]
+) -> Joins:
     """The joins that are made, in two passes, shortest first.
 
     1. Back and forth: levels k and k + 1 are joined where they finish if `k + parity` is even,

@@ -60,16 +60,12 @@ def graded(degrees: float, least: float, most: float, size: float = 80.0) -> Fie
 def bump(degrees: float, spacing: float) -> Field:
     """Lines that bend round the middle of an 80 mm part."""
     line = straight(degrees, spacing)
-    return lambda x, y: (
-        line(x, y) + 3.6 / spacing * np.exp(-((x - 35) ** 2 + (y - 45) ** 2) / 450)
-    )
+    return lambda x, y: line(x, y) + 3.6 / spacing * np.exp(-((x - 35) ** 2 + (y - 45) ** 2) / 450)
 
 
 def conformal(spacing: float, rate: float = 0.015) -> Field:
     """e^(kx) cos(ky): isolines of an analytic function."""
-    return lambda x, y: (
-        np.exp(rate * (x - 40)) * np.cos(rate * (y - 40) + 0.5) / (rate * spacing)
-    )
+    return lambda x, y: np.exp(rate * (x - 40)) * np.cos(rate * (y - 40) + 0.5) / (rate * spacing)
 
 
 def random_field(rng: np.random.Generator, size: float) -> Field:
