@@ -2,19 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Point, Polygon, STRtree, contains_xy, linestrings, prepare
+from shapely import Point, contains_xy, linestrings
 
-from fdjax.plan.wall import Wall, free_region, rings
+from fdjax.plan.room import PRESS, Sides, Walls
+from fdjax.plan.wall import Wall
 
 Floats = NDArray[np.float64]
-
-PRESS = 0.25
-"""A line beyond the free region by less than this share of the road width is pressed back on it."""
 
 SHORTEST = 0.5
 """Pieces shorter than this share of the road width are dropped."""
@@ -24,11 +22,11 @@ _OUTSIDE, _BETWEEN, _FREE = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """What one cut leaves of a line, from its low end (towards eta = 0) to its high end.
+    """What one cut leaves of a line, the way the line runs.
 
     - `line`: index of the line in its family.
     - `xy`: shape (points, 2), mm; `width`: shape (points - 1,), mm.
-    - `ends`: (wall, position) of the low and of the high end; None where a line ends in the open.
+    - `ends`: (wall, position) of where it starts and where it finishes; None where a line ends in the open.
     - `pressed`: (wall, from, to) of each stretch that runs along a wall.
     """
 
@@ -49,30 +47,24 @@ class _Stretch:
     pressed: tuple[tuple[int, float, float], ...] = ()
 
 
-def cut_lines(
-    lines: Sequence[Floats], widths: Sequence[Floats], outline: Polygon, *, road_width: float
-) -> tuple[list[Wall], list[Piece]]:
-    """Cut lines to the free region: the outline with its holes less half a `road_width`.
+def cut_lines(lines: Sequence[Floats], widths: Sequence[Floats], walls: Walls) -> list[Piece]:
+    """Cut lines to the free region that the walls enclose.
 
-    `lines[k]` has shape (points, 2), `widths[k]` shape (points - 1,), mm. Returns the walls of the
-    free region and the pieces, line by line, each from its low to its high end.
+    `lines[k]` has shape (points, 2), `widths[k]` shape (points - 1,), mm. Returns the pieces, line
+    by line, each the way its line runs. A line whose last point is its first is closed: no piece
+    ends there.
 
     A stretch that leaves the free region by less than `PRESS` road widths and runs along the wall
     (the first and last lines of a family do, give or take rounding) is replaced by the wall
     itself, so that it neither breaks into fragments nor comes closer to the outline than half a
     road; a stretch that crosses the wall ends there.
     """
-    free = free_region(outline, road_width / 2)
-    slack = PRESS * road_width
-    near = free_region(outline, road_width / 2 - slack)
-    walls = [Wall.of(ring) for ring in rings(free)]
+    slack = PRESS * walls.road_width
     family = _Family.of(lines, widths)
-    breaks = _Breaks.of(family, walls, [Wall.of(ring) for ring in rings(near)])
+    breaks = _Breaks.of(family, walls.sides, len(walls.rings))
     middle = family.point((breaks.at[1:] + breaks.at[:-1]) / 2)
-    prepare(free)
-    prepare(near)
-    state = np.where(contains_xy(near, middle), _BETWEEN, _OUTSIDE)
-    state[contains_xy(free, middle)] = _FREE
+    state = np.where(contains_xy(walls.near, middle), _BETWEEN, _OUTSIDE)
+    state[contains_xy(walls.free, middle)] = _FREE
     state[breaks.line[1:] != breaks.line[:-1]] = _OUTSIDE
 
     pieces: list[Piece] = []
@@ -80,13 +72,13 @@ def cut_lines(
         stretches = [
             family.stretch(breaks, a, b)
             if state[a] == _FREE
-            else _press(family, breaks, walls, a, b, slack, at_end=a == first or b == last)
+            else _press(family, breaks, walls.rings, a, b, slack, at_end=a == first or b == last)
             for a, b in _merged(state, first, last)
         ]
         line = int(breaks.line[first])
         pieces += [_joined(line, chain) for chain in _chains(stretches)]
-    shortest = SHORTEST * road_width
-    return walls, [piece for piece in pieces if _length(piece.xy) >= shortest]
+    shortest = SHORTEST * walls.road_width
+    return [piece for piece in closed_up(pieces, lines) if _length(piece.xy) >= shortest]
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,20 +126,15 @@ class _Breaks:
     position: Floats
 
     @classmethod
-    def of(cls, family: _Family, walls: list[Wall], others: list[Wall]) -> "_Breaks":
-        every = walls + others
-        a = np.concatenate([wall.xy[:-1] for wall in every])
-        b = np.concatenate([wall.xy[1:] for wall in every])
-        position = np.concatenate([wall.at[:-1] for wall in every])
-        owner = np.repeat(np.arange(len(every)), [len(wall.xy) - 1 for wall in every])
-
+    def of(cls, family: _Family, sides: Sides, walls: int) -> "_Breaks":
+        """Where the family meets sides; only the first `walls` rings count as walls."""
         segment = np.ones(len(family.xy), bool)
         segment[family.first[1:] - 1] = False
         index = np.flatnonzero(segment)
         ends = np.stack([family.xy[index], family.xy[index + 1]], 1)
-        found, ring = STRtree(np.asarray(linestrings(np.stack([a, b], 1)))).query(linestrings(ends))
+        found, side = sides.tree.query(linestrings(ends))
         p, r = ends[found, 0], ends[found, 1] - ends[found, 0]
-        q, s = a[ring], b[ring] - a[ring]
+        q, s = sides.a[side], sides.b[side] - sides.a[side]
         across = _cross(r, s)
         size = np.hypot(*r.T) * np.hypot(*s.T)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -155,13 +142,14 @@ class _Breaks:
         edge = 1e-12
         hit = (np.abs(across) > edge * size) & (t >= -edge) & (t <= 1 + edge)
         hit &= (u >= -edge) & (u <= 1 + edge)
-        t, u, ring = np.clip(t[hit], 0, 1), np.clip(u[hit], 0, 1), ring[hit]
+        t, u, side = np.clip(t[hit], 0, 1), np.clip(u[hit], 0, 1), side[hit]
+        ring = sides.ring[side]
 
         limits = np.concatenate([family.first[:-1], family.first[1:] - 1]).astype(float)
         at = np.concatenate([index[found[hit]] + t, limits])
         none = np.full(len(limits), -1)
-        wall = np.concatenate([np.where(owner[ring] < len(walls), owner[ring], -1), none])
-        along = position[ring] + u * np.hypot(*(b - a)[ring].T)
+        wall = np.concatenate([np.where(ring < walls, ring, -1), none])
+        along = sides.at[side] + u * np.hypot(*s[hit].T)
         along = np.concatenate([along, np.zeros(len(limits))])
         order = np.argsort(at, kind="stable")
         order = order[np.diff(at[order], prepend=-1.0) > 1e-10]
@@ -172,6 +160,22 @@ class _Breaks:
     def end(self, index: int) -> tuple[int, float] | None:
         wall = int(self.wall[index])
         return None if wall < 0 else (wall, float(self.position[index]))
+
+
+def closed_up(pieces: list[Piece], lines: Sequence[Floats]) -> list[Piece]:
+    """The pieces, with those that meet where a closed line begins and ends made into one."""
+    whole: list[Piece] = []
+    for number, group in groupby(pieces, key=lambda piece: piece.line):
+        parts, line = list(group), lines[number]
+        first, last = parts[0], parts[-1]
+        meets = (first.xy[0] == last.xy[-1]) & (line[0] == line[-1]) & (first.xy[0] == line[0])
+        if len(parts) > 1 and meets.all():
+            xy = np.concatenate([last.xy, first.xy[1:]])
+            width = np.concatenate([last.width, first.width])
+            ends = (last.ends[0], first.ends[1])
+            parts = [Piece(number, xy, width, ends, last.pressed + first.pressed), *parts[1:-1]]
+        whole += parts
+    return whole
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -200,7 +204,7 @@ def _merged(state: NDArray[np.intp], first: int, last: int) -> list[tuple[int, i
 def _press(
     family: _Family,
     breaks: _Breaks,
-    walls: list[Wall],
+    walls: Sequence[Wall],
     a: int,
     b: int,
     slack: float,
@@ -210,8 +214,8 @@ def _press(
     """The stretch moved onto the wall beside it, or None where the line is to end instead."""
     xy, width = family.vertices(breaks, a, b)
     length = _length(xy)
-    # A line that meets the wall at more than about 15 degrees does not run along it.
-    if at_end and length <= 4 * slack:
+    # A line that meets the wall at more than about 4 degrees does not run along it.
+    if at_end and length <= 16 * slack:
         return None
     known = {int(wall) for wall in breaks.wall[[a, b]] if wall >= 0}
     if len(known) == 2:
@@ -224,7 +228,7 @@ def _press(
         return None
     sign = 1.0 if at[-1] >= at[0] else -1.0
     rising = np.minimum(np.maximum.accumulate(sign * at), sign * at[-1])
-    stops = np.union1d(rising, sign * wall.corners(at[0], at[-1]))
+    stops = np.union1d(rising, sign * wall.corner_positions(at[0], at[-1]))
     if len(stops) < 2:
         return None
     middle = (stops[1:] + stops[:-1]) / 2
@@ -234,8 +238,8 @@ def _press(
     return _Stretch(wall.point(sign * stops), width[index], ends, (pressed,))
 
 
-def _nearest(walls: list[Wall], xy: Floats) -> int:
-    return int(np.argmin([Polygon(wall.xy).exterior.distance(Point(xy)) for wall in walls]))
+def _nearest(walls: Sequence[Wall], xy: Floats) -> int:
+    return int(np.argmin([wall.course.distance(Point(xy)) for wall in walls]))
 
 
 def _chains(stretches: list[_Stretch | None]) -> list[list[_Stretch]]:

@@ -1,188 +1,57 @@
-"""A family of lines as continuous roads: cut at the walls, joined along them, put in order."""
+"""Which ends of a family's pieces are joined along the walls, and by what way."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from shapely import LineString, Polygon, buffer, dwithin, intersection
+import shapely
+from numpy.typing import NDArray
+from shapely import STRtree
 
-from fdjax.errors import InputError
-from fdjax.plan.cut import Piece, cut_lines
-from fdjax.plan.order import order_roads
-from fdjax.plan.toolpath import Road
-from fdjax.plan.wall import Wall
+from fdjax.plan.chords import Chords
+from fdjax.plan.cut import Piece
+from fdjax.plan.room import Walls
 
 Floats = NDArray[np.float64]
-_LOW, _HIGH = 0, 1
 
-_BESIDE = 8.0
-"""So many half road widths a join may lie beside a line that it joins: a corner of 14 degrees."""
+OWN_TURN = 2.0
+"""So many road widths from its corner a join may lie beside the line that it joins."""
+
+APART = 0.7
+"""Beyond its own turn a join keeps so many road widths from centre line to centre line."""
+
+LONGEST_CUT = 10.0
+"""So many road widths a line may end early for that."""
 
 
-def lay_family(
-    lines: Sequence[ArrayLike] | Floats,
-    outline: Polygon,
-    *,
-    width: float | Sequence[ArrayLike] | Floats,
-    lift_length: float,
-    parity: int = 0,
-    start: ArrayLike | None = None,
-    family: str = "",
-    material: int = 0,
-) -> list[Road]:
-    """Lay an ordered family of lines as roads inside an outline.
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A join that could be made between two ends that are neighbours on a wall.
 
-    Each line is cut to the free region (the outline with its holes less half the largest road
-    width, see `cut_lines`). Ends that are neighbours on a wall are then joined along it, in two
-    passes, so that no join crosses a road:
-
-    1. back and forth: lines k and k + 1 at their high ends (towards eta = 1) where `k + parity`
-       is even, at their low ends where it is odd;
-    2. ends still free (at a hole, mostly), shortest first, where that closes no ring.
-
-    A join is made only where it is shorter than lifting: the way along the wall is at most
-    `lift_length` mm longer than the straight one; and where, unless it runs straight, it keeps
-    half a road away from other roads. It has the mean width of the two ends.
-
-    - `lines`: polylines from wall to wall in their order across, each (points, 2), mm.
-    - `width`: road width, mm: one value, or for each line one value or one a segment.
-    - `parity`: 0 or 1, which side turns first.
-    - `start`: where the head comes from; the roads start near it.
-
-    Returns the roads in the order in which they are laid; without holes this is one road, as
-    a rule. Raises `InputError` for lines or widths that do not fit, or no room for a road.
-
-    >>> lines = [[(x, 0), (x, 9)] for x in (1, 2, 3)]
-    >>> square = Polygon([(0, 0), (4, 0), (4, 9), (0, 9)])
-    >>> [len(road.xy) for road in lay_family(lines, square, width=0.4, lift_length=2)]
-    [6]
+    - `ends`: end `2 p` is where piece p starts, `2 p + 1` where it finishes.
+    - `xy`: from the first end to the second, mm; `length` along the wall, mm.
+    - `cut`: by how much the two pieces end early, mm.
     """
-    arrays, widths = _checked(lines, width)
-    road_width = max(float(w.max()) for w in widths)
-    walls, pieces = cut_lines(arrays, widths, outline, road_width=road_width)
-    joins = _Joins(walls, pieces, lift_length, road_width / 2)
-    joins.back_and_forth(parity)
-    joins.what_is_left()
-    roads = [Road(*joins.deposit(run), material=material, family=family) for run in joins.runs()]
-    return order_roads(roads, start=start)
+
+    ends: tuple[int, int]
+    xy: Floats
+    length: float
+    cut: tuple[float, float] = (0.0, 0.0)
 
 
-def _checked(
-    lines: Sequence[ArrayLike] | Floats, width: float | Sequence[ArrayLike] | Floats
-) -> tuple[list[Floats], list[Floats]]:
-    arrays = [np.asarray(line, float) for line in lines]
-    if not arrays:
-        raise InputError("lines: none given; a family needs at least one")
-    each = list(width) if isinstance(width, Sequence | np.ndarray) else [width] * len(arrays)
-    if len(each) != len(arrays):
-        raise InputError(f"width: {len(each)} given for {len(arrays)} lines; one a line is needed")
-    widths = []
-    for k, (xy, given) in enumerate(zip(arrays, each, strict=True)):
-        if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2 or not np.isfinite(xy).all():
-            raise InputError(f"line {k}: needs at least two finite points, shape (points, 2)")
-        value = np.asarray(given, float)
-        if value.shape not in ((), (len(xy) - 1,)) or not (np.isfinite(value) & (value > 0)).all():
-            raise InputError(f"line {k}: needs one positive width or {len(xy) - 1}, one a segment")
-        widths.append(np.broadcast_to(value, (len(xy) - 1,)))
-    return arrays, widths
+@dataclass(frozen=True, eq=False)
+class Joins:
+    """A choice of ways: `partner[end]` is the end beyond and the polyline that leads there."""
 
+    partner: dict[int, tuple[int, Floats]]
+    cut: dict[int, float]
 
-class _Joins:
-    """Which ends are joined; end `2 p` is the low one of piece p, `2 p + 1` the high one."""
-
-    def __init__(
-        self, walls: list[Wall], pieces: list[Piece], lift_length: float, clearance: float
-    ) -> None:
-        self.walls = walls
-        self.clearance = clearance
-        self.pieces = pieces
-        self.partner: dict[int, tuple[int, Floats]] = {}
-        self._run = list(range(len(pieces)))
-        ways = self._ways()
-        short = [
-            (length, i, j, wall, a, b)
-            for i, j, wall, a, b in ways
-            if (length := b - a) <= lift_length + np.hypot(*(self._xy(i) - self._xy(j)))
-        ]
-        self._candidates = sorted(short)
-
-    def _xy(self, end: int) -> Floats:
-        return self.pieces[end // 2].xy[-(end % 2)]
-
-    def _width(self, end: int) -> float:
-        return float(self.pieces[end // 2].width[-(end % 2)])
-
-    def _ways(self) -> list[tuple[int, int, int, float, float]]:
-        """Ways along walls between neighbouring ends: (end, end, wall, from, to)."""
-        on_wall: list[list[tuple[float, int]]] = [[] for _ in self.walls]
-        taken: list[list[tuple[float, float]]] = [[] for _ in self.walls]
-        for p, piece in enumerate(self.pieces):
-            for side, place in enumerate(piece.ends):
-                if place is not None:
-                    on_wall[place[0]].append((place[1], 2 * p + side))
-            for wall, a, b in piece.pressed:
-                taken[wall].append((a, b))
-        ways = []
-        for number, ends in enumerate(on_wall):
-            ends.sort()
-            length = self.walls[number].length
-            for (a, i), (b, j) in zip(ends, ends[1:] + ends[:1], strict=True):
-                # From the last end on, the way goes through the wall's first vertex.
-                to = b if b > a or (b == a and i != ends[-1][1]) else b + length
-                if i != j and not _overlaps(taken[number], a, to, length):
-                    ways.append((i, j, number, a, to))
-        return ways
-
-    def _root(self, piece: int) -> int:
-        while self._run[piece] != piece:
-            self._run[piece] = self._run[self._run[piece]]
-            piece = self._run[piece]
-        return piece
-
-    def _open(self, i: int, j: int) -> bool:
-        """Both ends free and of different runs, so that no ring closes."""
-        if i in self.partner or j in self.partner:
-            return False
-        return self._root(i // 2) != self._root(j // 2)
-
-    @cached_property
-    def _courses(self) -> NDArray[np.object_]:
-        return np.array([LineString(piece.xy) for piece in self.pieces])
-
-    def _join_if_clear(self, i: int, j: int, way: Floats) -> None:
-        """Join unless the way lies on other roads, or for long on the two that it joins."""
-        wall = LineString(way)
-        straight = np.hypot(*(way[-1] - way[0]))
-        # A way this direct has no room to run back along a line.
-        if wall.length > straight + self.clearance:
-            own = [i // 2, j // 2]
-            close = dwithin(self._courses, wall, self.clearance)
-            close[own] = False
-            beside = intersection(wall, buffer(self._courses[own], self.clearance))
-            if close.any() or max(part.length for part in beside) > _BESIDE * self.clearance:
-                return
-        self.partner[i], self.partner[j] = (j, way), (i, way[::-1])
-        self._run[self._root(i // 2)] = self._root(j // 2)
-
-    def back_and_forth(self, parity: int) -> None:
-        for _, i, j, wall, a, b in self._candidates:
-            lines = self.pieces[i // 2].line, self.pieces[j // 2].line
-            side = _HIGH if (min(lines) + parity) % 2 == 0 else _LOW
-            neighbours = abs(lines[0] - lines[1]) == 1
-            if neighbours and i % 2 == j % 2 == side and self._open(i, j):
-                self._join_if_clear(i, j, self.walls[wall].way(a, b))
-
-    def what_is_left(self) -> None:
-        for _, i, j, wall, a, b in self._candidates:
-            if self._open(i, j):
-                self._join_if_clear(i, j, self.walls[wall].way(a, b))
-
-    def runs(self) -> list[list[int]]:
+    def runs(self, pieces: int) -> list[list[int]]:
         """Continuous runs, each as the ends at which its pieces are entered."""
         found = []
         seen: set[int] = set()
-        for free in range(2 * len(self.pieces)):
+        for free in range(2 * pieces):
             if free in self.partner or free // 2 in seen:
                 continue
             run = []
@@ -195,23 +64,240 @@ class _Joins:
             found.append(run)
         return found
 
-    def deposit(self, run: list[int]) -> tuple[Floats, Floats]:
-        """Centre line and segment widths of a run."""
-        xy: list[Floats] = []
-        width: list[Floats] = []
-        for entry in run:
-            piece = self.pieces[entry // 2]
-            step = -1 if entry % 2 else 1
-            if xy:
-                way = self.partner[entry][1][::-1]
-                mean = (self._width(entry) + self._width(self.partner[entry][0])) / 2
-                xy.append(way[1:-1])
-                width.append(np.full(len(way) - 1, mean))
-            xy.append(piece.xy[::step])
-            width.append(piece.width[::step])
-        points, widths = np.concatenate(xy), np.concatenate(width)
-        moved = np.hypot(*np.diff(points, axis=0).T) > 1e-9
-        return points[np.concatenate([[True], moved])], widths[moved]
+
+def choose(
+    ways: Sequence[Way], level: Sequence[int], parity: int, near: set[tuple[int, int]]
+) -> Joins:
+    """The joins that are made, in two passes, shortest first.
+
+    1. Back and forth: levels k and k + 1 are joined where they finish if `k + parity` is even,
+       where they start if it is odd. A run so climbs from level to level, and none is a ring.
+       Where all but every second, fourth ... level was thinned out, those count as neighbours.
+    2. Ends still free, of whatever levels, where that closes no ring.
+
+    - `level`: of each piece; `near`: pairs of ways too near each other to be both made.
+    """
+    partner: dict[int, tuple[int, Floats]] = {}
+    cut: dict[int, float] = {}
+    run = list(range(len(level)))
+    barred: set[int] = set()
+    against: dict[int, list[int]] = {}
+    for a, b in near:
+        against.setdefault(a, []).append(b)
+        against.setdefault(b, []).append(a)
+
+    def root(piece: int) -> int:
+        while run[piece] != piece:
+            run[piece] = run[run[piece]]
+            piece = run[piece]
+        return piece
+
+    def make(numbers: Iterable[int]) -> None:
+        for number in numbers:
+            i, j = ways[number].ends
+            if i in partner or j in partner or number in barred:
+                continue
+            first, second = root(i // 2), root(j // 2)
+            if first == second:
+                continue
+            run[first] = second
+            barred.update(against.get(number, ()))
+            way = ways[number]
+            partner[i], partner[j] = (j, way.xy), (i, way.xy[::-1])
+            cut[i], cut[j] = way.cut
+
+    def turns(way: Way) -> bool:
+        i, j = way.ends
+        k, m = sorted((level[i // 2], level[j // 2]))
+        step = m - k
+        if step == 0 or step & (step - 1) or k % step:
+            return False
+        return i % 2 == j % 2 == (k // step + parity + 1) % 2
+
+    make(number for number, way in enumerate(ways) if turns(way))
+    make(range(len(ways)))
+    return Joins(partner, cut)
+
+
+def ways_along(
+    pieces: Sequence[Piece],
+    chords: Chords,
+    walls: Walls,
+    *,
+    lift_length: float,
+    longest_join: float,
+) -> tuple[list[Way], set[tuple[int, int]]]:
+    """All joins that could be made, shortest first, and pairs of them that cannot be both made.
+
+    A join runs along the wall between two ends that are neighbours on it. It is at most
+    `longest_join` mm long and at most `lift_length` mm longer than the straight way. It keeps half
+    a road's width from every other road; from the two that it joins it keeps `APART` widths beyond
+    its own turn: where a line meets the wall at so small an angle that it would not, the line
+    ends early and the join starts across the wedge.
+    """
+    found = _Finder(pieces, chords, walls)
+    return found.ways(lift_length, longest_join)
+
+
+@dataclass(frozen=True, eq=False)
+class _Finder:
+    pieces: Sequence[Piece]
+    chords: Chords
+    walls: Walls
+
+    @cached_property
+    def courses(self) -> NDArray[np.object_]:
+        count = [len(piece.xy) for piece in self.pieces]
+        xy = np.concatenate([piece.xy for piece in self.pieces])
+        owner = np.repeat(np.arange(len(count)), count)
+        return np.asarray(shapely.linestrings(xy, indices=owner))
+
+    def ways(
+        self, lift_length: float, longest_join: float
+    ) -> tuple[list[Way], set[tuple[int, int]]]:
+        ways = []
+        for i, j, number, a, b in self._gaps():
+            if b - a > longest_join:
+                continue
+            start, end = self._xy(i), self._xy(j)
+            if b - a <= lift_length + np.hypot(*(end - start)):
+                corners = self.walls.rings[number].corners(a, b)
+                ways.append(Way((i, j), np.concatenate([[start], corners, [end]]), b - a))
+        if not ways:
+            return [], set()
+        ways.sort(key=lambda way: way.length)
+        return self._clear(ways)
+
+    def _xy(self, end: int) -> Floats:
+        return self.pieces[end // 2].xy[-(end % 2)]
+
+    def _gaps(self) -> list[tuple[int, int, int, float, float]]:
+        """Between neighbouring ends on walls: (end, end, wall, from, to)."""
+        on_wall: dict[int, list[tuple[float, int]]] = {}
+        taken: dict[int, list[tuple[float, float]]] = {}
+        for p, piece in enumerate(self.pieces):
+            for side, place in enumerate(piece.ends):
+                if place is not None:
+                    on_wall.setdefault(place[0], []).append((place[1], 2 * p + side))
+            for wall, a, b in piece.pressed:
+                taken.setdefault(wall, []).append((a, b))
+        gaps = []
+        for number, ends in on_wall.items():
+            ends.sort()
+            length = self.walls.rings[number].length
+            for (a, i), (b, j) in zip(ends, ends[1:] + ends[:1], strict=True):
+                # From the last end on, the way goes through the wall's first vertex.
+                to = b if b > a or (b == a and i != ends[-1][1]) else b + length
+                if i // 2 != j // 2 and not _overlaps(taken.get(number, []), a, to, length):
+                    gaps.append((i, j, number, a, to))
+        return gaps
+
+    def _clear(self, ways: list[Way]) -> tuple[list[Way], set[tuple[int, int]]]:
+        """Those that keep away from roads, cut short where they must, and those in conflict."""
+        width = self.walls.road_width
+        lines = _lines(ways)
+        which, chord = self.chords.tree.query(lines, predicate="dwithin", distance=width / 2)
+        own = np.array([way.ends for way in ways]) // 2
+        same = own[which] == self.chords.owner[chord][:, None]
+        blocked = np.zeros(len(ways), bool)
+        blocked[which[~same.any(1)]] = True
+        for side in (0, 1):
+            mine = same[:, side]
+            end = np.array([way.ends[side] for way in ways])[which[mine]]
+            beyond = self._beyond(end, chord[mine])
+            blocked[which[mine][shapely.distance(beyond, lines[which[mine]]) < width / 2]] = True
+        cut = self._cuts(ways, lines)
+        clear = [
+            made
+            for way, blocks, cuts in zip(ways, blocked.tolist(), cut.tolist(), strict=True)
+            if not blocks and (made := _shortened(way, self._cut_points(way, cuts), cuts))
+        ]
+        if not clear:
+            return [], set()
+        lines = _lines(clear)
+        i, j = STRtree(lines).query(lines, predicate="dwithin", distance=width / 2)
+        pairs = zip(i[i < j].tolist(), j[i < j].tolist(), strict=True)
+        near = {(a, b) for a, b in pairs if not set(clear[a].ends) & set(clear[b].ends)}
+        return clear, near
+
+    def _beyond(self, end: NDArray[np.intp], chord: NDArray[np.intp]) -> NDArray[np.object_]:
+        """What of these chords lies further from these ends than a line may end early."""
+        chords = self.chords
+        start, at, length = chords.start[chord], chords.at[chord], chords.length[chord]
+        limit = LONGEST_CUT * self.walls.road_width
+        low, high = np.maximum(limit - at, 0), length
+        last = shapely.length(self.courses[end // 2]) - limit - at
+        low, high = np.where(end % 2, 0, low), np.where(end % 2, np.minimum(last, length), high)
+        unit = chords.unit[chord]
+        parts = start[:, None] + np.stack([low, high], 1)[..., None] * unit[:, None]
+        return np.where(low < high, shapely.linestrings(parts), None)
+
+    def _cuts(self, ways: list[Way], lines: NDArray[np.object_]) -> Floats:
+        """By how much each way's two pieces are to end early, (n, 2); infinite where they cannot."""
+        width = self.walls.road_width
+        ends = np.array([way.ends for way in ways])
+        course = self.courses[ends // 2]
+        length = shapely.length(course)
+        steps = np.arange(OWN_TURN, LONGEST_CUT + 0.1, 0.5) * width
+        cut = np.zeros(ends.shape)
+        few = steps[[0, 2, 4, 6, 8, 12, 16]]
+        suspect = (self._distance(course, ends, lines, few) < APART * width) & (
+            few <= length[..., None]
+        )
+        for k, side in np.argwhere(suspect.any(-1)):
+            distance = self._distance(course[k, side], ends[k, side], lines[k], steps)[0]
+            close = (distance < APART * width) & (steps <= length[k, side])
+            last = int(np.flatnonzero(close)[-1]) + 1
+            fits = last < len(steps) and steps[last] <= 0.4 * length[k, side]
+            cut[k, side] = steps[last] if fits else np.inf
+        return cut
+
+    @staticmethod
+    def _distance(
+        course: NDArray[np.object_], ends: NDArray[np.intp], lines: NDArray[np.object_], at: Floats
+    ) -> Floats:
+        """How far the way is from the points of the pieces at these places from their ends."""
+        course, ends = np.atleast_1d(course)[..., None], np.atleast_1d(ends)[..., None]
+        points = shapely.line_interpolate_point(course, np.where(ends % 2, -at, at))
+        lines = np.reshape(lines, (-1,) + (1,) * (points.ndim - 1))
+        return np.asarray(shapely.distance(points, lines))
+
+    def _cut_points(self, way: Way, cut: list[float]) -> list[Floats | None]:
+        return [
+            None
+            if not 0 < by < np.inf
+            else shapely.get_coordinates(
+                shapely.line_interpolate_point(self.courses[end // 2], -by if end % 2 else by)
+            )[0]
+            for end, by in zip(way.ends, cut, strict=True)
+        ]
+
+
+def _lines(ways: Sequence[Way]) -> NDArray[np.object_]:
+    owner = np.repeat(np.arange(len(ways)), [len(way.xy) for way in ways])
+    return np.asarray(shapely.linestrings(np.concatenate([way.xy for way in ways]), indices=owner))
+
+
+def _shortened(way: Way, points: Sequence[Floats | None], cut: Sequence[float]) -> Way | None:
+    """The way between the points where the two lines end early; None where it is too short."""
+    if max(cut) == np.inf:
+        return None
+    if max(cut) == 0:
+        return way
+    line = shapely.LineString(way.xy)
+    first, last = (
+        end if point is None else line.project(shapely.Point(point))
+        for end, point in zip((0.0, line.length), points, strict=True)
+    )
+    if last - first <= min(line.length, max(cut)) / 4:
+        return None
+    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way.xy, axis=0).T))])
+    inner = way.xy[(walked > first + 1e-9) & (walked < last - 1e-9)]
+    reached = shapely.get_coordinates(line.interpolate([first, last]))
+    begin = [] if points[0] is None else [points[0]]
+    end = [] if points[1] is None else [points[1]]
+    xy = np.array([*begin, reached[0], *inner, reached[1], *end])
+    return Way(way.ends, xy, way.length, (cut[0], cut[1]))
 
 
 def _overlaps(taken: list[tuple[float, float]], a: float, b: float, length: float) -> bool:

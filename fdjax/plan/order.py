@@ -1,15 +1,26 @@
 """The order in which the roads of a layer are laid, for little travel."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fdjax.plan.toolpath import Road
 
-_EXCHANGE = 200
-"""With more roads than this only the nearest-end rule is used."""
+Floats = NDArray[np.float64]
+
+_NEIGHBOURS = 8
+"""So many nearest ends of other roads an end may be newly linked to."""
+
+_LONGEST_MOVE = 3
+"""So many roads at most are moved together to another place in the order."""
+
+_FEW = 50
+"""With no more roads than this the order as given is shortened too, and the better taken."""
+
+_GAIN = 1e-9
 
 
 def reversed_road(road: Road) -> Road:
@@ -22,67 +33,140 @@ def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> lis
     """Put roads in an order of little travel, each either way round.
 
     The nearest end comes next, from the point `start` (by default where the first road starts);
-    then stretches of the order are turned round while that shortens the travel. The same is tried
-    from the order as given, so up to 200 roads never travel more than they did.
+    then, while one shortens the travel, stretches of the order are turned round (Croes 1958,
+    2-opt) and up to three roads together are put elsewhere (Or 1976), so that an end lies next to
+    one of its neighbours. Never more travel than in the order as given; the same every time.
     """
     if not roads:
         return []
     ends = np.stack([road.path[[0, -1]] for road in roads])
     begin = ends[0, 0] if start is None else np.asarray(start, float)
-    order, flip = _nearest_first(ends, begin)
-    if 1 < len(roads) <= _EXCHANGE:
-        as_given = list(range(len(roads))), [False] * len(roads)
-        tours = [(order, flip), as_given]
-        for tour in tours:
-            _turn_stretches(ends, begin, *tour)
-        order, flip = min(tours, key=lambda tour: _travel(ends, begin, *tour))
-    pairs = zip(order, flip, strict=True)
-    return [reversed_road(roads[k]) if turned else roads[k] for k, turned in pairs]
+    given = _Tour(ends, begin, list(range(2 * len(roads))))
+    tour = _Tour(ends, begin, _nearest_first(ends, begin))
+    if len(roads) > 1:
+        neighbours = _neighbours(ends)
+        tour.shorten(neighbours)
+        if len(roads) <= _FEW:
+            given.shorten(neighbours)
+    best = min(tour, given, key=_Tour.travel)
+    firsts = best.stops[1:-1:2]
+    return [reversed_road(roads[end // 2]) if end % 2 else roads[end // 2] for end in firsts]
 
 
-def _travel(ends: np.ndarray, begin: np.ndarray, order: list[int], flip: list[bool]) -> float:
-    turned = np.asarray(flip, int)
-    first, last = ends[order, turned], ends[order, 1 - turned]
-    return float(_distance(np.vstack([begin, last[:-1]]), first).sum())
-
-
-def _nearest_first(ends: np.ndarray, begin: np.ndarray) -> tuple[list[int], list[bool]]:
-    free = np.ones(len(ends), bool)
-    order: list[int] = []
-    flip: list[bool] = []
+def _nearest_first(ends: Floats, begin: Floats) -> list[int]:
+    """Ends in the order in which they are met; end `2 k` is the first of road k."""
+    free = ends.reshape(-1, 2).copy()
+    met: list[int] = []
     here = begin
-    while free.any():
-        distance = np.hypot(*np.moveaxis(ends - here, -1, 0))
-        distance[~free] = np.inf
-        road, side = np.unravel_index(np.argmin(distance), distance.shape)
-        order.append(int(road))
-        flip.append(bool(side))
-        free[road] = False
-        here = ends[road, 1 - side]
-    return order, flip
+    for _ in range(len(ends)):
+        offset = free - here
+        end = int(np.argmin((offset * offset).sum(1)))
+        met += [end, end ^ 1]
+        here = ends[end // 2, 1 - end % 2]
+        free[end] = free[end ^ 1] = np.inf
+    return met
 
 
-def _turn_stretches(
-    ends: np.ndarray, begin: np.ndarray, order: list[int], flip: list[bool]
-) -> None:
-    """Turn stretches of the order round in place while one shortens the travel."""
-    count = len(order)
-    while True:
-        turned = np.asarray(flip, int)
-        first = ends[order, turned]
-        last = ends[order, 1 - turned]
-        before = np.vstack([begin, last[:-1]])
-        # Turning i..j round trades the two travels at its ends; after the last there is none.
-        gain = _distance(before, first)[:, None] - _distance(before[:, None], last[None])
-        after = _distance(last[:-1], first[1:]) - _distance(first[:, None], first[None, 1:])
-        gain[:, :-1] += after
-        gain[np.tril_indices(count, -1)] = 0
-        i, j = np.unravel_index(np.argmax(gain), gain.shape)
-        if gain[i, j] <= 1e-9:
-            return
-        order[i : j + 1] = order[i : j + 1][::-1]
-        flip[i : j + 1] = [not side for side in flip[i : j + 1][::-1]]
+def _neighbours(ends: Floats) -> list[list[int]]:
+    """The nearest ends of other roads to each end, nearest first."""
+    points = ends.reshape(-1, 2)
+    count = min(_NEIGHBOURS, len(points) - 2)
+    found: list[list[int]] = []
+    for low in range(0, len(points), 256):
+        rows = np.arange(low, min(low + 256, len(points)))
+        offset = points[rows, None] - points
+        square = (offset * offset).sum(-1)
+        square[rows - low, rows] = square[rows - low, rows ^ 1] = np.inf
+        near = np.sort(np.argpartition(square, count - 1, axis=1)[:, :count], axis=1)
+        ranked = np.argsort(np.take_along_axis(square, near, 1), axis=1, kind="stable")
+        found += np.take_along_axis(near, ranked, 1).tolist()
+    return found
 
 
-def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return np.hypot(*np.moveaxis(a - b, -1, 0))
+class _Tour:
+    """An order of ends: the head's place, each road's first and last end, and no place at last.
+
+    `stops[k]` is the end met at k: roads start at odd k and finish at even k.
+    """
+
+    def __init__(self, ends: Floats, begin: Floats, met: list[int]) -> None:
+        self._none = 2 * len(ends) + 1
+        points = np.vstack([ends.reshape(-1, 2), begin])
+        self._point: list[complex] = (points[:, 0] + 1j * points[:, 1]).tolist()
+        self.stops = [self._none - 1, *met, self._none]
+        self._at = [0] * (self._none + 1)
+        self._count(0, len(self.stops))
+
+    def _count(self, low: int, high: int) -> None:
+        for place in range(low, high):
+            self._at[self.stops[place]] = place
+
+    def _gap(self, a: int, b: int) -> float:
+        """Travel between two ends; none beyond the last."""
+        if a == self._none or b == self._none:
+            return 0.0
+        return abs(self._point[a] - self._point[b])
+
+    def travel(self) -> float:
+        return sum(self._gap(*self.stops[k : k + 2]) for k in range(0, len(self.stops) - 1, 2))
+
+    def shorten(self, neighbours: list[list[int]]) -> None:
+        """Make moves, the first that helps each time, until none does."""
+        waiting = deque(self.stops[1:-1])
+        queued = [True] * len(neighbours)
+        while waiting:
+            end = waiting.popleft()
+            queued[end] = False
+            for touched in self._improve(end, neighbours[end]):
+                if touched < len(neighbours) and not queued[touched]:
+                    queued[touched] = True
+                    waiting.append(touched)
+
+    def _improve(self, end: int, near: list[int]) -> tuple[int, ...]:
+        """Link an end to a near one if that shortens the travel; the ends that were relinked."""
+        place = self._at[end]
+        # The end that it is linked to now: before it where its road starts, else after it.
+        side = -1 if place % 2 else 1
+        linked = self.stops[place + side]
+        now = self._gap(end, linked)
+        for other in near:
+            won = now - self._gap(end, other)
+            if won <= _GAIN:
+                break
+            there = self._at[other]
+            beside = -1 if there % 2 else 1
+            before = self.stops[there + beside]
+            won += self._gap(other, before)
+            if side == beside and won - self._gap(linked, before) > _GAIN:
+                low, high = sorted((place, there))
+                self._turn(low + (side > 0), high + (side > 0))
+                return end, other, linked, before
+            for size in range(2, 2 * _LONGEST_MOVE + 1, 2):
+                far = place - side * (size - 1)
+                if not 0 < far < len(self.stops) - 1:
+                    break
+                low, high = sorted((place, far))
+                if low <= there <= high or low <= there + beside <= high:
+                    continue
+                last, after = self.stops[far], self.stops[far - side]
+                cost = self._gap(linked, after) + self._gap(last, before)
+                if won + self._gap(last, after) - cost > _GAIN:
+                    self._move(low, high + 1, max(there, there + beside), turned=side == beside)
+                    return end, other, linked, before, last, after
+        return ()
+
+    def _turn(self, low: int, high: int) -> None:
+        self.stops[low:high] = self.stops[low:high][::-1]
+        self._count(low, high)
+
+    def _move(self, low: int, high: int, to: int, *, turned: bool) -> None:
+        """Put the stops from `low` to before `high` in front of the stop at `to`."""
+        moved = self.stops[low:high]
+        if turned:
+            moved.reverse()
+        if to >= high:
+            self.stops[low:to] = self.stops[high:to] + moved
+            self._count(low, to)
+        else:
+            self.stops[to:high] = moved + self.stops[to:low]
+            self._count(to, high)

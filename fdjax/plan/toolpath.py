@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from shapely import Polygon
+from shapely import MultiPolygon, Polygon
 
 from fdjax.errors import InputError
 from fdjax.road.bead import section_area
@@ -77,12 +77,14 @@ class Layer:
 
     - `z`: top of the layer above the bed, mm; `height`: its thickness, mm.
     - `outline`: what the layer is to fill, holes included, or None where a file does not say.
+    - `thinned`: volume of lines that were left out because others lie too near, mm^3.
     """
 
     z: float
     height: float
     roads: tuple[Road, ...]
-    outline: Polygon | None = None
+    outline: Polygon | MultiPolygon | None = None
+    thinned: float = 0.0
 
     @property
     def volume(self) -> float:
@@ -117,6 +119,11 @@ class Build:
     def volume(self) -> float:
         """Deposited volume, mm^3; what overlaps counts twice."""
         return sum(layer.volume for layer in self.layers)
+
+    @property
+    def thinned(self) -> float:
+        """Volume of lines that were left out because others lie too near, mm^3."""
+        return sum(layer.thinned for layer in self.layers)
 
     def replace(self, **changes: Any) -> "Build":
         """A copy with some fields changed."""

@@ -1,76 +1,95 @@
-"""From a pattern's lines to a build: cut, joined, laid layer on layer."""
+"""From a pattern's strokes to a build: cut, joined, laid layer on layer."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Protocol
-
-from shapely import Polygon
+from typing import Any
 
 from fdjax.errors import InputError
-from fdjax.plan.join import lay_family
-from fdjax.plan.simplify import simplify_road
-from fdjax.plan.toolpath import Build, Floats, Layer, Road
+from fdjax.part.part import Part, Slab
+from fdjax.plan.laid import Laid
+from fdjax.plan.lines import lay_lines
+from fdjax.plan.room import Room
+from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.road.bead import road_width, section_area
+from fdjax.road.stroke import Lines
 
-
-class LineFamily(Protocol):
-    """One family's lines on one layer, from wall to wall: what a pattern yields.
-
-    `xy` has shape (lines, points, 2), mm; `width` (lines, points - 1), mm; `parity` says at which
-    wall the first turn-around lies; `family` names it.
-    """
-
-    @property
-    def family(self) -> str: ...
-    @property
-    def parity(self) -> int: ...
-    @property
-    def xy(self) -> Floats: ...
-    @property
-    def width(self) -> Floats: ...
+LAYING: dict[type, Callable[..., Laid]] = {Lines: lay_lines}
+"""How each kind of stroke is laid: its class and the function, which is called with the stroke and
+a `Room`, and by keyword `lift_length`, `longest_join`, `least_spacing`, `tolerance`, `start`."""
 
 
 def lay(
-    layers: Sequence[Sequence[LineFamily]],
-    outline: Polygon,
+    layers: Iterable[Sequence[Any]],
+    part: Part,
     *,
-    height: float,
     lift_length: float,
     tolerance: float = 2e-3,
     clearance: float = 0.0,
     name: str = "part",
+    least_spacing: float | None = None,
+    longest_join: float | None = None,
 ) -> Build:
-    """The build that lays these families, a list for each layer, from the bed upwards.
+    """The build that lays these strokes, a sequence for each layer of the part, from the bed up.
 
-    Beads stay inside `outline` and out of its holes; lines are joined along the walls where that
-    is shorter than `lift_length` (mm) of lifting. `height` is the layers' height, mm. Points
-    within `tolerance` (mm) of a straight road are dropped. Beads keep `clearance` (mm) more from
-    all walls, for what dropping points and rounding to the machine's steps may take away again.
-    Layers that repeat the same lines are laid alike. Raises `InputError` for an outline that is
-    too narrow for the clearance.
+    Beads stay inside each layer's region. Lines are joined along the walls where that is no more
+    than `lift_length` mm longer than the straight way and no more than `longest_join` mm long, and
+    thinned where they come nearer than `least_spacing` mm (see `lay_lines`); what that leaves out
+    is `thinned` of each layer. Points within `tolerance` (mm) of a straight road are dropped.
+    Beads keep `clearance` (mm) more from all walls, for what dropping points and rounding to the
+    machine's steps may take away again. Layers that repeat the same strokes (the same objects)
+    over the same region are laid alike.
+
+    Raises `InputError` for a region with no room for a road, strokes of a kind that is not known,
+    and layers that are not as many as the part's.
     """
-    room = outline.buffer(-clearance, join_style="mitre") if clearance > 0 else outline
-    if not isinstance(room, Polygon) or room.is_empty:
-        raise InputError(f"outline: falls apart when shrunk by {clearance:g} mm; it is too narrow")
-    laid: dict[tuple[int, ...], tuple[Road, ...]] = {}
-    result = []
-    for number, families in enumerate(layers, 1):
-        key = tuple(id(family) for family in families)
+    rooms: dict[int, Room] = {}
+    laid: dict[tuple[int, ...], Laid] = {}
+    result: list[Layer] = []
+    # An identity is sure while its object lives.
+    alive: list[Sequence[Any]] = []
+    given = iter(layers)
+    for number, slab in enumerate(part.slabs, 1):
+        strokes = next(given, None)
+        if strokes is None:
+            raise InputError(f"strokes for {number - 1} layers; the part has {len(part.slabs)}")
+        alive.append(strokes)
+        region = slab.region
+        key = (id(region), *map(id, strokes))
         if key not in laid:
-            laid[key] = tuple(
-                simplify_road(road, tolerance=tolerance)
-                for family in families
-                for road in lay_family(
-                    family.xy,
-                    room,
-                    width=family.width,
-                    lift_length=lift_length,
-                    parity=family.parity,
-                    family=family.family,
-                )
+            if id(region) not in rooms:
+                rooms[id(region)] = Room.of(region, clearance=clearance, tolerance=tolerance / 2)
+            laid[key] = _laid(
+                strokes,
+                rooms[id(region)],
+                lift_length=lift_length,
+                longest_join=longest_join,
+                least_spacing=least_spacing,
+                tolerance=tolerance,
             )
-        result.append(Layer(round(number * height, 9), height, laid[key], outline))
+        result.append(_layer(slab, laid[key]))
+    if next(given, None) is not None:
+        raise InputError(f"strokes for more layers than the part's {len(part.slabs)}")
     return Build(tuple(result), name)
+
+
+def _laid(strokes: Sequence[Any], room: Room, **options: Any) -> Laid:
+    """All strokes of a layer, one after the other."""
+    roads: list[Road] = []
+    left_out: list[Road] = []
+    for stroke in strokes:
+        if type(stroke) not in LAYING:
+            known = ", ".join(kind.__name__ for kind in LAYING)
+            raise InputError(f"strokes: {type(stroke).__name__} is not one of {known}")
+        start = roads[-1].path[-1] if roads else None
+        made = LAYING[type(stroke)](stroke, room, start=start, **options)
+        roads += made.roads
+        left_out += made.left_out
+    return Laid(tuple(roads), tuple(left_out))
+
+
+def _layer(slab: Slab, laid: Laid) -> Layer:
+    thinned = sum(float(road.segment_volumes(slab.height).sum()) for road in laid.left_out)
+    return Layer(slab.z, slab.height, laid.roads, slab.region.geometry, thinned)
 
 
 def trim(build: Build, volume: float) -> Build:

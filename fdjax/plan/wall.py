@@ -1,6 +1,7 @@
 """Walls: the rings that centre lines may reach but not cross, measured along their length."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,30 +40,45 @@ class Wall:
         keep = np.concatenate([[True], steps > 0])
         return cls(xy[keep], np.concatenate([[0.0], np.cumsum(steps[steps > 0])]))
 
-    @property
+    @cached_property
     def length(self) -> float:
         return float(self.at[-1])
 
     def point(self, position: Floats) -> Floats:
         """Points at these positions, shape position.shape + (2,)."""
-        s = np.asarray(position) % self.length
+        s = np.asarray(position, float) % self.length
         return np.stack([np.interp(s, self.at, self.xy[:, axis]) for axis in (0, 1)], -1)
 
     def corners(self, a: float, b: float) -> Floats:
-        """Positions of the vertices strictly between `a` and `b`, in the order of the walk."""
-        low, high = min(a, b), max(a, b)
-        turns = np.arange(np.floor(low / self.length), np.floor(high / self.length) + 1)
-        at = (self.at[:-1] + self.length * turns[:, None]).ravel()
-        at = at[(at > low + 1e-9) & (at < high - 1e-9)]
-        return at if b >= a else at[::-1]
+        """Vertices strictly between positions `a` and `b`, in the order of the walk."""
+        return self.xy[self._between(a, b)[0]]
 
-    def way(self, a: float, b: float) -> Floats:
-        """The polyline along the wall from position `a` to position `b`, shape (points, 2)."""
-        return self.point(np.concatenate([[a], self.corners(a, b), [b]]))
+    def corner_positions(self, a: float, b: float) -> Floats:
+        """Positions of the same, in the walk's own turns."""
+        index, turn = self._between(a, b)
+        return self.at[index] + turn * self.length
+
+    def _between(self, a: float, b: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Index of each vertex between and the turn of the ring on which it is met."""
+        low, high = min(a, b) + 1e-9, max(a, b) - 1e-9
+        count = len(self.at) - 1
+        first, last = (
+            int(self.at[:-1].searchsorted(place % self.length)) + int(place // self.length) * count
+            for place in (low, high)
+        )
+        steps = np.arange(first, last)
+        if b < a:
+            steps = steps[::-1]
+        return steps % count, steps // count
 
     def locate(self, xy: Floats) -> Floats:
         """Positions of the nearest points of the wall to `xy`, shape (n, 2)."""
-        return np.asarray(line_locate_point(LineString(self.xy), points(xy)))
+        return np.asarray(line_locate_point(self.course, points(xy)))
+
+    @cached_property
+    def course(self) -> LineString:
+        """The ring as a line."""
+        return LineString(self.xy)
 
 
 def rings(region: Polygon | MultiPolygon) -> list[LinearRing]:
@@ -71,14 +87,14 @@ def rings(region: Polygon | MultiPolygon) -> list[LinearRing]:
     return [ring for part in parts for ring in (part.exterior, *part.interiors)]
 
 
-def free_region(outline: Polygon, margin: float) -> Polygon | MultiPolygon:
+def free_region(outline: Polygon | MultiPolygon, margin: float) -> Polygon | MultiPolygon:
     """What of the outline is at least `margin` mm away from it and from its holes.
 
     Offset with mitred joins, so that straight sides keep their corners. Raises `InputError` when
     nothing is left.
     """
-    if not isinstance(outline, Polygon) or outline.is_empty or not outline.is_valid:
-        raise InputError("outline: not a simple polygon with a positive area")
+    if not isinstance(outline, Polygon | MultiPolygon) or outline.is_empty or not outline.is_valid:
+        raise InputError("outline: not made of simple polygons with a positive area")
     region = outline.buffer(-margin, join_style="mitre")
     if region.is_empty or not isinstance(region, Polygon | MultiPolygon):
         raise InputError(f"outline: nowhere wide enough for a road {2 * margin:g} mm wide")

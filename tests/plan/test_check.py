@@ -5,8 +5,9 @@ from shapely import Point, box
 from fdjax.errors import InputError
 from fdjax.limits import Limits
 from fdjax.plan.check import check
-from fdjax.plan.join import lay_family
+from fdjax.plan.lines import lay_lines
 from fdjax.plan.toolpath import Build, Layer, Road
+from fdjax.road.stroke import Lines
 
 PLATE = box(0, 0, 20, 20)
 LIMITS = Limits(
@@ -22,7 +23,9 @@ LIMITS = Limits(
 def family(name, count=21, *, start=0.2, stop=19.8):
     lines = [np.array([(x, 0.0), (x, 20.0)]) for x in np.linspace(start, stop, count)]
     lines = lines if name == "xi" else [line[:, ::-1] for line in lines]
-    return tuple(lay_family(lines, PLATE, width=0.4, lift_length=2, family=name))
+    widths = [np.array([0.4])] * count
+    strokes = Lines(name, 0, np.arange(count), lines, widths)
+    return lay_lines(strokes, PLATE, lift_length=2).roads
 
 
 def one(*roads, outline=PLATE, height=0.2):

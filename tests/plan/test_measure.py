@@ -5,10 +5,11 @@ from hypothesis import strategies as st
 from shapely import Point, box
 
 from fdjax.errors import InputError
-from fdjax.plan.join import lay_family
+from fdjax.plan.lines import lay_lines
 from fdjax.plan.measure import compare, measure
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.road.bead import section_area
+from fdjax.road.stroke import Lines
 
 PLATE = box(0, 0, 20, 10)
 BEAD = section_area(0.4, 0.2)
@@ -31,7 +32,9 @@ def test_parallel_lines_across_windows():
 
 def test_serpentine_counts_its_turns():
     lines = [[(x, 0), (x, 10)] for x in (2, 6, 12, 18)]
-    (road,) = lay_family(lines, PLATE, width=0.4, lift_length=1, parity=0)
+    widths = [np.full(len(line) - 1, 0.4) for line in lines]
+    strokes = Lines("", 0, np.arange(len(lines)), lines, widths)
+    (road,) = lay_lines(strokes, PLATE, lift_length=1).roads
     result = measure(plate(road), window=10)
     # Left: two lines, the top turn 2..6, and of the bottom turn 6..12 four.
     assert result.volume[:, 0] == pytest.approx(BEAD * np.array([2 * 9.6 + 8, 2 * 9.6 + 8]))

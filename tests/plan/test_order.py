@@ -25,6 +25,18 @@ def test_order_keeps_every_road_and_the_travel_small(seed, count):
     assert Layer(0.2, 0.2, tuple(ordered)).travel <= as_given + 1e-9
 
 
+def test_many_roads_travel_less_than_to_the_nearest_each_time():
+    rng = np.random.default_rng(1)
+    middle = rng.uniform(0, 80, (300, 1, 2))
+    roads = [Road(xy, 0.4) for xy in middle + rng.normal(0, 3, (300, 2, 2))]
+    ordered = order_roads(roads)
+    again = order_roads(roads)
+    assert [road.xy.tolist() for road in ordered] == [road.xy.tolist() for road in again]
+    assert sorted(road.length for road in ordered) == sorted(road.length for road in roads)
+    # A nearest end each time gives 1100 mm.
+    assert Layer(0.2, 0.2, tuple(ordered)).travel < 900
+
+
 def test_reversed_road_lays_the_same():
     for closed in (False, True):
         width = [0.3, 0.4, 0.5] if closed else [0.3, 0.4]

@@ -1,45 +1,39 @@
 """From a pattern's lines to a build: inside the walls, joined, and layers laid alike once."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 import shapely
 
 from fdjax.errors import InputError
 from fdjax.limits import Limits
+from fdjax.part.part import Part
 from fdjax.plan.check import check
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.plan.trace import lay, trim
 from fdjax.road.bead import section_area
+from fdjax.road.stroke import Lines
 
 PLATE = shapely.box(0, 0, 20, 10)
 WIDTH, HEIGHT = 0.4, 0.2
 AREA = section_area(WIDTH, HEIGHT)
 
 
-class Family(NamedTuple):
-    family: str
-    parity: int
-    xy: np.ndarray
-    width: np.ndarray
-
-
-def upright(places, points=65, parity=0, width=WIDTH):
+def upright(places, points=65, parity=0, width=WIDTH, bend=0.0):
     """Lines along y at these x, from wall to wall of the plate."""
     y = np.linspace(0, 10, points)
-    xy = np.stack(np.broadcast_arrays(np.array(places, float)[:, None], y), -1)
-    return Family("xi", parity, xy, np.full((len(xy), points - 1), width))
+    xy = [np.stack([x + bend * np.sin(y / 3), y], 1) for x in places]
+    return Lines("xi", parity, np.arange(len(xy)), xy, [np.full(points - 1, width)] * len(xy))
 
 
 def level(places, points=65, parity=0):
     x = np.linspace(0, 20, points)
-    xy = np.stack(np.broadcast_arrays(x, np.array(places, float)[:, None]), -1)
-    return Family("eta", parity, xy, np.full((len(xy), points - 1), WIDTH))
+    xy = [np.stack([x, np.full(points, y)], 1) for y in places]
+    return Lines("eta", parity, np.arange(len(xy)), xy, [np.full(points - 1, WIDTH)] * len(xy))
 
 
 def laid(*layers, outline=PLATE, **more):
-    return lay(layers, outline, height=HEIGHT, lift_length=4.0, **more)
+    part = Part.plate(outline, layers=len(layers), height=HEIGHT)
+    return lay(layers, part, lift_length=4.0, **more)
 
 
 def test_one_family_is_one_road_back_and_forth_half_a_road_inside():
@@ -53,7 +47,7 @@ def test_one_family_is_one_road_back_and_forth_half_a_road_inside():
         shapely.LineString(road.xy).normalize(), shapely.LineString(expected).normalize(), 2e-3
     )
     assert road.family == "xi"
-    assert layer.outline is PLATE
+    assert shapely.equals(layer.outline, PLATE)
     assert build.volume == pytest.approx(AREA * (3 * 9.6 + 2 * 3), rel=1e-6)
 
 
@@ -77,8 +71,7 @@ def test_layers_rise_and_take_the_families_given():
 
 def test_points_on_a_straight_road_are_dropped_to_the_tolerance():
     places = np.array([4.0, 9, 14])
-    bent = upright(places, points=201)
-    bent.xy[..., 0] += 0.5 * np.sin(bent.xy[..., 1] / 3)
+    bent = upright(places, points=201, bend=0.5)
     fine, coarse = (laid([bent], tolerance=t).layers[0].roads[0] for t in (1e-9, 0.02))
     assert len(coarse.xy) < len(fine.xy) / 10
     distance = shapely.hausdorff_distance(
@@ -97,15 +90,49 @@ def test_clearance_keeps_beads_further_from_every_wall():
             for road in build.layers[0].roads
         )
         assert reach == pytest.approx(WIDTH / 2 + clearance, abs=5e-3)
-        assert build.layers[0].outline is holed
+        assert shapely.equals(build.layers[0].outline, holed)
 
 
 def test_an_outline_too_narrow_for_the_clearance_is_refused():
+    with pytest.raises(InputError, match=r"nothing is left when shrunk by 0\.1 mm"):
+        laid([upright([2, 5])], outline=shapely.box(0, 0, 20, 0.15), clearance=0.1)
+
+
+def test_a_region_that_falls_apart_has_roads_in_each_part():
     dumbbell = shapely.union_all(
         [shapely.box(0, 0, 8, 10), shapely.box(12, 0, 20, 10), shapely.box(7, 5, 13, 5.1)]
     )
-    with pytest.raises(InputError, match=r"falls apart when shrunk by 0\.1 mm"):
-        laid([upright([2, 5])], outline=dumbbell, clearance=0.1)
+    build = laid([upright([2, 5, 15, 18])], outline=dumbbell, clearance=0.1)
+    assert len(build.layers[0].roads) == 2
+
+
+def test_layers_of_a_part_may_differ():
+    other = shapely.MultiPolygon([shapely.box(0, 0, 6, 10), shapely.box(9, 0, 20, 10)])
+    part = Part.stack([PLATE, other, PLATE], [0.2, 0.3, 0.2])
+    strokes = upright(np.arange(1, 20, 1.5))
+    build = lay(iter([[strokes]] * 3), part, lift_length=4)
+    assert [layer.z for layer in build.layers] == [0.2, 0.5, 0.7]
+    assert [layer.height for layer in build.layers] == [0.2, 0.3, 0.2]
+    assert [len(layer.roads) for layer in build.layers] == [1, 2, 1]
+    assert isinstance(build.layers[1].outline, shapely.MultiPolygon)
+
+
+def test_strokes_must_fit_the_part():
+    part = Part.plate(PLATE, layers=2)
+    for layers, text in (
+        ([[upright([2])]], "strokes for 1 layers; the part has 2"),
+        ([[upright([2])]] * 3, "more layers than the part's 2"),
+        ([["line"]] * 2, "str is not one of Lines"),
+    ):
+        with pytest.raises(InputError, match=text):
+            lay(layers, part, lift_length=4)
+
+
+def test_what_crowds_is_left_out_and_counted():
+    build = laid([upright([2, 2.3, 2.6, 5])])
+    assert build.layers[0].thinned == pytest.approx(AREA * 9.6, rel=1e-6)
+    assert build.thinned == build.layers[0].thinned
+    assert laid([upright([2, 2.5, 3, 5])]).thinned == 0
 
 
 def test_what_is_laid_passes_the_checks():

@@ -1,0 +1,119 @@
+"""Rooms: what a layer's beads may fill, and the walls that centre lines keep to in it."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import MultiPolygon, Polygon, STRtree
+
+from fdjax.errors import InputError
+from fdjax.part.region import Region
+from fdjax.plan.wall import Wall, free_region, rings
+
+Floats = NDArray[np.float64]
+
+PRESS = 0.25
+"""A line beyond the free region by less than this share of the road width is pressed back on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """The rings that centre lines of roads up to one width may reach but not cross.
+
+    - `road_width`: the largest, mm.
+    - `free`: where centre lines may lie; `near`: the same and what is pressed back onto it.
+    - `rings`: those of `free`; `outer`: those of `near`.
+    """
+
+    road_width: float
+    free: Polygon | MultiPolygon
+    near: Polygon | MultiPolygon
+    rings: tuple[Wall, ...]
+    outer: tuple[Wall, ...]
+
+    @classmethod
+    def of(cls, geometry: Polygon | MultiPolygon, road_width: float, tolerance: float) -> "Walls":
+        regions = [
+            _simple(free_region(geometry, share * road_width), tolerance)
+            for share in (0.5, 0.5 - PRESS)
+        ]
+        walls = [tuple(Wall.of(ring) for ring in rings(region)) for region in regions]
+        for region in regions:
+            shapely.prepare(region)
+        return cls(road_width, *regions, *walls)
+
+    @cached_property
+    def sides(self) -> "Sides":
+        """All straight sides of both kinds of ring."""
+        return Sides.of([*self.rings, *self.outer])
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """Straight sides of rings: from `a` to `b`, (n, 2), mm; `at` is the position of a on `ring`."""
+
+    a: Floats
+    b: Floats
+    at: Floats
+    ring: NDArray[np.intp]
+    tree: STRtree
+
+    @classmethod
+    def of(cls, walls: list[Wall]) -> "Sides":
+        a = np.concatenate([wall.xy[:-1] for wall in walls])
+        b = np.concatenate([wall.xy[1:] for wall in walls])
+        at = np.concatenate([wall.at[:-1] for wall in walls])
+        ring = np.repeat(np.arange(len(walls)), [len(wall.xy) - 1 for wall in walls])
+        tree = STRtree(np.asarray(shapely.linestrings(np.stack([a, b], 1))))
+        return cls(a, b, at, ring, tree)
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """What the beads of a layer may fill, and its walls, made once for each road width.
+
+    - `geometry`: polygons with holes, mm.
+    - `tolerance`: points of walls within this of a straight side are dropped, mm.
+
+    >>> room = Room.of([(0, 0), (4, 0), (4, 3), (0, 3)])
+    >>> round(room.walls(0.4).free.area, 6)
+    9.36
+    """
+
+    geometry: Polygon | MultiPolygon
+    tolerance: float = 0.0
+    _made: dict[float, Walls] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, source: object, *, clearance: float = 0.0, tolerance: float = 0.0) -> "Room":
+        """The room of what `Region.of` takes, less `clearance` (mm) along its walls.
+
+        Raises what `Region.of` raises, and `InputError` where nothing is left.
+        """
+        if isinstance(source, Room):
+            return source
+        region = Region.of(source)
+        if clearance <= 0:
+            return cls(region.geometry, tolerance)
+        room = shapely.buffer(region.geometry, -clearance, join_style="mitre")
+        if room.is_empty:
+            raise InputError(f"outline: nothing is left when shrunk by {clearance:g} mm")
+        return cls(room, tolerance)
+
+    def walls(self, road_width: float) -> Walls:
+        """The walls for roads up to this width, mm. Raises `InputError` where none fits."""
+        if road_width not in self._made:
+            self._made[road_width] = Walls.of(self.geometry, road_width, self.tolerance)
+        return self._made[road_width]
+
+
+def _simple(region: Polygon | MultiPolygon, tolerance: float) -> Polygon | MultiPolygon:
+    """With fewer vertices, where the rings stay apart."""
+    if tolerance <= 0:
+        return region
+    fewer = shapely.simplify(region, tolerance, preserve_topology=False)
+    if not fewer.is_valid or fewer.is_empty:
+        fewer = shapely.simplify(region, tolerance, preserve_topology=True)
+    return fewer if fewer.is_valid and isinstance(fewer, Polygon | MultiPolygon) else region
