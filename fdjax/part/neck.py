@@ -26,8 +26,17 @@ class Neck(NamedTuple):
 
 
 def inset(region: Polygon | MultiPolygon, margin: float) -> list[Polygon]:
-    """The polygons of what is at least `margin` mm inside; none where nothing is."""
-    room = shapely.buffer(region, -margin, join_style="mitre", mitre_limit=MITRE)
+    """The polygons of what is at least `margin` mm inside; none where nothing is.
+
+    Where edges are much shorter than the margin, its offsets cross each other many times; going
+    in by steps that double, from the length of an edge, ends at the same place much sooner.
+    """
+    room, left = region, margin
+    step = region.length / shapely.get_num_coordinates(region)
+    while left > 0 and not room.is_empty:
+        now = left if left < 2 * step else step
+        room = shapely.buffer(room, -now, join_style="mitre", mitre_limit=MITRE)
+        left, step = left - now, 2 * step
     return [part for part in shapely.get_parts(room) if part.area > 0]
 
 
@@ -64,11 +73,11 @@ def necks(polygon: Polygon, width: float) -> Iterator[Neck]:
         sides = shapely.get_parts(wall)
         if len(sides) > 1:
             yield _narrowest(sides)
-        elif _depth(piece, opened) > width:
+        elif not _within(opened, piece, width):
             yield widest(piece)
 
 
-def _pinches(polygon: Polygon, reached: list[Geometry], reach: float) -> Iterator[Neck]:
+def _pinches(polygon: Polygon, reached: list[Polygon], reach: float) -> Iterator[Neck]:
     """Passages so short that what is reached from both sides meets in them."""
     pairs = STRtree(reached).query(reached, predicate="intersects").T if len(reached) > 1 else ()
     for a, b in pairs:
@@ -89,6 +98,7 @@ def _narrowest(sides: np.ndarray) -> Neck:
     return Neck(x, y, way.length)
 
 
-def _depth(piece: Geometry, opened: Geometry) -> float:
-    """How far a piece reaches away from what roads reach, mm."""
-    return float(shapely.distance(shapely.points(shapely.get_coordinates(piece)), opened).max())
+def _within(opened: Geometry, piece: Geometry, width: float) -> bool:
+    """Whether no point of a piece is further than `width` from what roads reach."""
+    points = shapely.points(shapely.get_coordinates(piece))
+    return bool(np.all(shapely.dwithin(opened, points, width)))

@@ -58,7 +58,9 @@ def named(name: str, number: int, count: int) -> str:
 
 def _from_geometry(geometry: shapely.Geometry, name: str) -> list[Rings]:
     if not isinstance(geometry, Polygon | MultiPolygon):
-        raise InputError(f"{name}: a {geometry.geom_type}; a Polygon or MultiPolygon is needed")
+        raise InputError(
+            f"{name}: a {type(geometry).__name__}; a Polygon or MultiPolygon is needed"
+        )
     if geometry.is_empty:
         raise InputError(f"{name}: the polygon is empty")
     # Coordinates alone: a precision grid of the geometry stays behind.

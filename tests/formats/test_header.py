@@ -32,9 +32,9 @@ def test_spaces_at_the_breaks_survive():
 def test_outlines_survive_exactly():
     circle = Point(1 / 3, np.pi).buffer(np.e * 1e-3).difference(Point(1 / 3, np.pi).buffer(1e-4))
     for polygon in (RING, circle):
-        facts = facts_of(header.lines(";", {"outline": header.polygon_text(polygon)}))
+        facts = facts_of(header.lines(";", {"outline": header.outline_text(polygon)}))
         assert facts.outline().equals_exact(polygon, 0.0)
-    assert facts_of(header.lines(";", {"outline": header.polygon_text(None)})).outline() is None
+    assert facts_of(header.lines(";", {"outline": header.outline_text(None)})).outline() is None
 
 
 def test_a_mark_is_no_fact():

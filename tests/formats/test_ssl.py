@@ -85,7 +85,8 @@ def test_a_layer_without_outline_cannot_be_written():
         (SQUARE.replace("1 1\n0 1\n", ""), "line 8: .* flat"),
         (SQUARE.replace("Z 0.01 0.01\n", ""), "line 9: a contour before the first layer"),
         (SQUARE.replace("END", "Z 2 1\nZ"), "line 12: ''; two numbers"),
-        (SQUARE.replace("C\n", "C\n5 5\n6 5\n6 6\nC\n"), "line 5: .*not one outline"),
+        (SQUARE.replace("C\n", "C\n.5 .5\n6 .5\n6 .6\nC\n"), "line 5: .*cross or touch"),
+        (SQUARE.replace("C\n", "C\n1 0\n2 0\n2 1\n1 1\nC\n"), "line 5: .*cross or touch"),
     ],
 )
 def test_what_cannot_be_read(text, message):

@@ -5,8 +5,9 @@ from hypothesis import strategies as st
 from shapely import Point, box
 
 from fdjax.errors import InputError
+from fdjax.plan.compare import compare
 from fdjax.plan.join import lay_family
-from fdjax.plan.measure import compare, measure
+from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.road.bead import section_area
 
