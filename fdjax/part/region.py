@@ -101,8 +101,9 @@ class Region:
 
         They are passages on which the inset by half the width comes apart, or a loop opens, at
         their narrowest; and polygons that vanish and arms that are lost for more than a width's
-        length, at their widest. A corner of 39 degrees or blunter is no arm. Beside the tip of a
-        sharp notch a passage may be named that is wider, by half at most (see `inset`).
+        length, at their widest. A corner of 39 degrees or blunter is no arm. Beside the tips of
+        sharp notches, where `inset` cuts off more than half the width, a passage may be named that
+        is wider, by 80 % at most.
 
         >>> [place] = Region.of([(0, 0), (9, 0), (9, 0.3), (3, 0.3), (3, 3), (0, 3)]).necks(0.5)
         >>> round(place.width, 2)
