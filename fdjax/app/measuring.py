@@ -10,11 +10,13 @@ import shapely
 
 from fdjax.errors import InputError
 from fdjax.formats import read_file
-from fdjax.part.contour import contour
+from fdjax.part.part import Part, Slab
+from fdjax.part.region import Region
+from fdjax.plan.compare import Comparison, compare
 from fdjax.plan.coverage import coverage
-from fdjax.plan.measure import Comparison, Measurement, compare, measure
-from fdjax.plan.toolpath import Build
-from fdjax.target import target as targets
+from fdjax.plan.measure import Measurement, measure
+from fdjax.plan.toolpath import Build, Outline
+from fdjax.target.read import read as read_target
 
 
 @dataclass(frozen=True)
@@ -22,11 +24,11 @@ class Question:
     """What is asked about a file; None where the file itself says it.
 
     - `target`: an expression, or a picture's or `.npy` array's file; `quantity`: what it gives,
-      "porosity" or "solid"; `unit`: of x and y in the expression; `low`, `high`: what black and
+      "porosity" or "solid"; `unit`: of x, y and z in the expression; `low`, `high`: what black and
       white, or 0 and 1, stand for.
     - `window`: side of the windows, mm; `shifted`: by half a window in both directions.
-    - `outline`: WKT, or a file that holds WKT or GeoJSON; `layer_height`, `filament`: mm;
-      `machine`: a profile's name or file.
+    - `outline`: WKT, or a file that holds WKT or GeoJSON, of one or more polygons;
+      `layer_height`, `filament`: mm; `machine`: a profile's name or file.
     """
 
     target: str
@@ -54,9 +56,11 @@ class Answer:
     coverage: float
 
     @property
-    def outline(self) -> shapely.Polygon | shapely.MultiPolygon:
+    def outline(self) -> Outline:
         """What all layers' outlines cover together."""
-        return _together([polygon for polygon, _ in self.measurement.outlines])
+        union = shapely.union_all(self.measurement.outlines)
+        assert isinstance(union, Outline)
+        return union
 
     @property
     def worst(self) -> tuple[float, float, float]:
@@ -141,7 +145,7 @@ def answer(path: str | Path, question: Question) -> Answer:
     porosity inside the outline, and a window that is too large.
     """
     path = Path(path)
-    outline = None if question.outline is None else contour(question.outline)
+    outline = None if question.outline is None else Region.of(question.outline).geometry
     build = read_file(
         path,
         machine=question.machine,
@@ -155,24 +159,29 @@ def answer(path: str | Path, question: Question) -> Answer:
         raise InputError(f"{path}: does not say what outline it fills; name it with --outline")
     half = 0.5 if question.shifted else 0.0
     measurement = measure(build, window=question.window, shift=(half, half))
-    shapes = [polygon for polygon, _ in measurement.outlines]
-    target = targets.read(
+    part = _part(build)
+    target = read_target(
         question.target,
-        extent=_together(shapes).bounds,
+        extent=part.bounds,
         quantity=question.quantity,
         unit=question.unit,
         low=question.low,
         high=question.high,
     )
-    for polygon in shapes:
-        target.check(polygon)
+    target.check(part)
     return Answer(path, question, build, measurement, compare(measurement, target), coverage(build))
 
 
-def _together(shapes: list[shapely.Polygon]) -> shapely.Polygon | shapely.MultiPolygon:
-    union = shapely.union_all(shapes)
-    assert isinstance(union, shapely.Polygon | shapely.MultiPolygon)
-    return union
+def _part(build: Build) -> Part:
+    """What the build's layers fill, each outline one region."""
+    regions: dict[Outline, Region] = {}
+    slabs = []
+    for layer in build.layers:
+        assert layer.outline is not None
+        parts = tuple(shapely.get_parts(layer.outline))
+        region = regions.setdefault(layer.outline, Region(parts))
+        slabs.append(Slab(layer.z, layer.height, region))
+    return Part(tuple(slabs))
 
 
 def _plain(values: np.ndarray) -> list[list[float | None]]:

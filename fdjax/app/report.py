@@ -10,7 +10,8 @@ from fdjax.app.config import Job
 from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.plan.check import Finding
-from fdjax.plan.measure import Comparison, Measurement
+from fdjax.plan.compare import Comparison
+from fdjax.plan.measure import Measurement
 from fdjax.plan.toolpath import Build
 
 

@@ -17,11 +17,13 @@ from fdjax.grid.solvers import SOR, Multigrid, Newton
 from fdjax.optimise.design import Design
 from fdjax.optimise.design import design as solve
 from fdjax.optimise.least_squares import Progress
+from fdjax.part.part import Part
 from fdjax.part.patch import Patch
 from fdjax.pattern.base import Lines
 from fdjax.plan.check import check
+from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
-from fdjax.plan.measure import compare, measure
+from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build
 from fdjax.plan.trace import lay, trim
 from fdjax.target.target import Target
@@ -37,7 +39,8 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     pictures are written all the same, the machine files at fault only if the job says so.
     """
     patch = setting.patch_of(job.part)
-    target = setting.target_of(job.target, patch.outline)
+    plate = Part.plate(patch, layers=job.part.layers, height=job.part.layer_height)
+    target = setting.target_of(job.target, plate)
     machines = {kind: setting.machine_of(job, kind) for kind in job.files}
     main = setting.machine_of(job, "ssl")
     setting.check_fits(job, patch.outline, main)

@@ -10,10 +10,12 @@ from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.formats.profile import Machine
 from fdjax.part import curve
+from fdjax.part import part as body
 from fdjax.part.contour import circle, contour
 from fdjax.part.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
-from fdjax.target import target as targets
-from fdjax.target.target import Target
+from fdjax.target.array import array
+from fdjax.target.image import image
+from fdjax.target.target import Target, expression
 
 CURVES = {"polyline": curve.polyline, "spline": curve.spline}
 
@@ -46,14 +48,14 @@ def _hole(hole: Any) -> Polygon:
     return circle(hole.centre, hole.radius) if isinstance(hole, Circle) else Polygon(hole.points)
 
 
-def target_of(source: TargetSource, outline: Polygon) -> Target:
-    """The porosity that `[target]` asks for, checked all over the outline."""
+def target_of(source: TargetSource, filled: body.Part) -> Target:
+    """The porosity that `[target]` asks for, checked all over the part."""
     path = source.image or source.array
     if path is not None:
-        load = targets.image if source.image is not None else targets.array
+        load = image if source.image is not None else array
         target = load(
             path,
-            extent=outline.bounds,
+            extent=filled.bounds,
             quantity=source.quantity,
             low=source.low,
             high=source.high,
@@ -62,8 +64,8 @@ def target_of(source: TargetSource, outline: Polygon) -> Target:
         quantity = "porosity" if source.porosity is not None else "solid"
         text = source.porosity if source.porosity is not None else source.solid
         assert text is not None
-        target = targets.expression(text, quantity=quantity, unit=source.unit)
-    target.check(outline)
+        target = expression(text, quantity=quantity, unit=source.unit)
+    target.check(filled)
     return target
 
 

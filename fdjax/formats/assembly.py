@@ -5,11 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from shapely import Polygon
 
 from fdjax.errors import InputError
 from fdjax.formats import header
-from fdjax.plan.toolpath import Build, Layer, Road
+from fdjax.plan.toolpath import Build, Layer, Outline, Road
 from fdjax.road.bead import road_width
 
 
@@ -27,7 +26,7 @@ class _Deposit:
 class _MarkedLayer:
     z: float
     height: float
-    outline: Polygon | None
+    outline: Outline | None
     deposits: list[_Deposit]
 
 
@@ -96,7 +95,7 @@ class Assembly:
         """Whether the file holds neither a deposit nor a layer."""
         return not self._layers and not self._unmarked
 
-    def build(self, *, unit: float, layer_height: float | None, outline: Polygon | None) -> Build:
+    def build(self, *, unit: float, layer_height: float | None, outline: Outline | None) -> Build:
         """The build; `unit` is the area, mm^2, of the sections' unit.
 
         `layer_height` and `outline`, where given, are used for every layer instead of what the

@@ -98,7 +98,7 @@ def write(build: Build, machine: Machine) -> str:
     nozzle = _Nozzle(out, tables, np.asarray(build.origin))
     outline = ""
     for index, layer in enumerate(build.layers):
-        text = header.polygon_text(layer.outline)
+        text = header.outline_text(layer.outline)
         if text != outline:
             out += header.lines(";", {"outline": text})
             outline = text

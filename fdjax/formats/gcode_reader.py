@@ -4,13 +4,12 @@ import math
 import re
 
 import numpy as np
-from shapely import Polygon
 
 from fdjax.errors import InputError
 from fdjax.formats import arcs
 from fdjax.formats.assembly import Assembly, option
 from fdjax.formats.profile import Machine
-from fdjax.plan.toolpath import Build
+from fdjax.plan.toolpath import Build, Outline
 
 _PLAIN = re.compile(r"G1 X(-?\d*\.?\d+) Y(-?\d*\.?\d+) E(-?\d*\.?\d+)")
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
@@ -26,7 +25,7 @@ def read(
     machine: Machine | None = None,
     filament: float | None = None,
     layer_height: float | None = None,
-    outline: Polygon | None = None,
+    outline: Outline | None = None,
 ) -> Build:
     """The roads that a G-code file lays, with the widths that its E values give them.
 

@@ -11,11 +11,11 @@ import re
 from collections.abc import Mapping
 
 import numpy as np
-from shapely import Polygon, from_wkt
+from shapely import MultiPolygon, Polygon, from_wkt, get_parts
 from shapely.errors import ShapelyError
 
 from fdjax.errors import InputError
-from fdjax.plan.toolpath import Build
+from fdjax.plan.toolpath import Build, Outline
 
 VERSION = "1"
 """Of this layout of facts; the first fact of a header."""
@@ -58,18 +58,24 @@ def of_build(build: Build, machine: str, **more: str) -> dict[str, str]:
     return facts | {f"note.{key}": value for key, value in build.notes.items()}
 
 
-def polygon_text(polygon: Polygon | None) -> str:
-    """The polygon as WKT whose numbers read back exactly; empty for None.
+def outline_text(outline: Outline | None) -> str:
+    """The outline as WKT whose numbers read back exactly; empty for None.
 
     Shapely's own writer rounds with some versions of GEOS.
     """
-    if polygon is None:
+    if outline is None:
         return ""
-    rings = [
-        "(" + ", ".join(f"{x!r} {y!r}" for x, y in np.asarray(ring.coords)[:, :2].tolist()) + ")"
+    if isinstance(outline, Polygon):
+        return f"POLYGON {_rings_text(outline)}"
+    return f"MULTIPOLYGON ({', '.join(map(_rings_text, get_parts(outline)))})"
+
+
+def _rings_text(polygon: Polygon) -> str:
+    rings = (
+        ", ".join(f"{x!r} {y!r}" for x, y in np.asarray(ring.coords)[:, :2].tolist())
         for ring in (polygon.exterior, *polygon.interiors)
-    ]
-    return f"POLYGON ({', '.join(rings)})"
+    )
+    return f"({', '.join(f'({ring})' for ring in rings)})"
 
 
 def mark(line: str) -> tuple[str, dict[str, str]] | None:
@@ -86,7 +92,7 @@ class Facts:
 
     def __init__(self) -> None:
         self._texts: dict[str, str] = {}
-        self._polygons: dict[str, Polygon | None] = {"": None}
+        self._outlines: dict[str, Outline | None] = {"": None}
 
     def feed(self, line: str) -> bool:
         """Take one comment line; False if it states no fact."""
@@ -129,18 +135,18 @@ class Facts:
             raise InputError(f"header: {key}: {values[0]:g} is not positive")
         return values[0]
 
-    def outline(self) -> Polygon | None:
+    def outline(self) -> Outline | None:
         """The outline that was stated last, or None."""
         text = self.get("outline") or ""
-        if text not in self._polygons:
+        if text not in self._outlines:
             try:
-                polygon = from_wkt(text)
+                outline = from_wkt(text)
             except ShapelyError:
-                polygon = None
-            if not isinstance(polygon, Polygon):
+                outline = None
+            if not isinstance(outline, Polygon | MultiPolygon):
                 raise InputError(f"header: outline: {text[:40]!r} is no WKT polygon")
-            self._polygons[text] = polygon
-        return self._polygons[text]
+            self._outlines[text] = outline
+        return self._outlines[text]
 
     @property
     def written_by_fdjax(self) -> bool:

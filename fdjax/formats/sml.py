@@ -81,7 +81,7 @@ def write(build: Build, machine: Machine) -> str:
     outline = ""
     for layer in build.layers:
         head.flow_off()
-        text = header.polygon_text(layer.outline)
+        text = header.outline_text(layer.outline)
         if text != outline:
             out += header.lines(sml.comment, {"outline": text})
             outline = text

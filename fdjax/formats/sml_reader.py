@@ -5,7 +5,6 @@ import re
 from collections import deque
 
 import numpy as np
-from shapely import Polygon
 
 from fdjax.errors import InputError
 from fdjax.formats import profile
@@ -21,7 +20,7 @@ from fdjax.formats.sml_codes import (
     Ints,
     counts_of,
 )
-from fdjax.plan.toolpath import Build
+from fdjax.plan.toolpath import Build, Outline
 from fdjax.units import MICROSTEP
 
 _COMMAND = re.compile(r"([A-Za-z]{2})([-+.,\d\s]*)")
@@ -37,7 +36,7 @@ def read(
     *,
     machine: Machine | None = None,
     layer_height: float | None = None,
-    outline: Polygon | None = None,
+    outline: Outline | None = None,
 ) -> Build:
     """The roads that an SML file lays, with the widths that its flow codes give them.
 

@@ -16,12 +16,12 @@ import math
 import re
 
 import numpy as np
-from shapely import LinearRing, Polygon, get_coordinates
+from shapely import LinearRing, MultiPolygon, Polygon, STRtree, get_coordinates, get_parts
 from shapely.geometry.polygon import orient
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
-from fdjax.plan.toolpath import Build, Layer
+from fdjax.plan.toolpath import Build, Layer, Outline
 from fdjax.units import MM_PER_INCH
 
 __all__ = ["read", "write"]
@@ -40,11 +40,11 @@ def write(build: Build, machine: Machine | None = None) -> str:
         if layer.outline is None or layer.outline.is_empty:
             raise InputError(f"SSL: layer {index + 1} has no outline, and SSL holds outlines only")
         out.append(f"Z {_inches(layer.z)} {_inches(layer.height)}")
-        polygon = orient(layer.outline)
-        for ring in (polygon.exterior, *polygon.interiors):
-            points = get_coordinates(ring)[:-1] / MM_PER_INCH + 0.0
-            out += [f"{x:.{_DECIMALS}f} {y:.{_DECIMALS}f}" for x, y in points.tolist()]
-            out.append("C")
+        for polygon in map(orient, get_parts(layer.outline)):
+            for ring in (polygon.exterior, *polygon.interiors):
+                points = get_coordinates(ring)[:-1] / MM_PER_INCH + 0.0
+                out += [f"{x:.{_DECIMALS}f} {y:.{_DECIMALS}f}" for x, y in points.tolist()]
+                out.append("C")
     out += ["END", ""]
     return "\n".join(out)
 
@@ -56,9 +56,10 @@ def _inches(length: float) -> str:
 def read(text: str) -> Build:
     """The layers of an SSL file, with their outlines and no roads.
 
-    A contour inside another is a hole of it. Raises `InputError`, with the line, for text that is
-    no SSL, a unit other than INCH, an open or crossing contour, a truncated file, or a layer whose
-    contours are not one outline with holes.
+    A contour inside another is a hole of it, one inside a hole an outline again. Raises
+    `InputError`, with the line, for text that is no SSL, a unit other than INCH, an open or
+    crossing contour, a truncated file, or a layer whose contours cross each other or touch along
+    an edge.
     """
     lines = [line.strip() for line in text.splitlines()]
     if not lines or not re.fullmatch(r"slice\s+v0", lines[0], re.IGNORECASE):
@@ -120,15 +121,25 @@ def _no_layer(number: int) -> None:
     raise InputError(f"SSL line {number}: a contour before the first layer (Z)")
 
 
-def _outline(rings: list[LinearRing], number: int) -> Polygon | None:
-    """The one ring that lies in no other, with the rest as its holes."""
+def _outline(rings: list[LinearRing], number: int) -> Outline | None:
+    """The rings that lie in an even number of others, each with those just inside it as holes."""
     if not rings:
         return None
-    areas = [Polygon(ring).area for ring in rings]
-    outer = rings.pop(int(np.argmax(areas)))
-    polygon = Polygon(outer, rings)
-    if not polygon.is_valid:
+    discs = np.array([Polygon(ring) for ring in rings])
+    areas = np.array([disc.area for disc in discs])
+    inner, outer = STRtree(discs).query(discs, predicate="covered_by")
+    nested = areas[outer] > areas[inner]
+    inner, outer = inner[nested], outer[nested]
+    depth = np.bincount(inner, minlength=len(rings))
+    around = {int(k): int(j) for k, j in zip(inner, outer, strict=True) if depth[j] == depth[k] - 1}
+    polygons = [
+        Polygon(rings[k], [rings[hole] for hole, owner in around.items() if owner == k])
+        for k in np.flatnonzero(depth % 2 == 0)
+    ]
+    outline = polygons[0] if len(polygons) == 1 else MultiPolygon(polygons)
+    if not outline.is_valid:
         raise InputError(
-            f"SSL line {number}: the contours of this layer are not one outline with holes in it"
+            f"SSL line {number}: the contours of this layer cross or touch; outlines lie apart, "
+            "holes inside them"
         )
-    return polygon
+    return outline

@@ -1,8 +1,6 @@
-"""The outline to be filled: a simple polygon with holes, from text, file or points."""
+"""The outline to be filled: simple polygons with holes, from text, file or points."""
 
-import json
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +11,10 @@ from shapely import LinearRing, Polygon
 from shapely.geometry.polygon import orient
 
 from fdjax.errors import InputError
-from fdjax.part.curve import Floats, as_point, as_points
+from fdjax.part.curve import as_point
+from fdjax.part.ring import MERGED, Hole, Mended, at, inside, mended_ring
+from fdjax.part.source import named, polygons_in
 from fdjax.units import length
-
-Hole = Polygon | LinearRing | ArrayLike
-
-_WKT = re.compile(
-    r"\s*(?:SRID=\d+;\s*)?(?:MULTI)?(?:POINT|LINESTRING|LINEARRING|POLYGON|GEOMETRYCOLLECTION)"
-    r"\s*(?:ZM|Z|M)?\s*(?:EMPTY|\()",
-    re.IGNORECASE,
-)
-_WKT_POLYGON = re.compile(
-    r"\s*(?:SRID=\d+;\s*)?POLYGON\s*(?:ZM|Z|M)?\s*"
-    r"\(\s*(\([^()]*\)(?:\s*,\s*\([^()]*\))*)\s*\)\s*",
-    re.IGNORECASE,
-)
 
 
 def contour(
@@ -54,22 +41,50 @@ def contour(
     >>> contour("POLYGON ((0 0, 2 0, 2 1, 0 1, 0 0))", unit="cm").area
     200.0
     """
-    name = "outline"
-    if isinstance(source, Polygon):
-        rings = [np.asarray(ring.coords) for ring in (source.exterior, *source.interiors)]
-    elif isinstance(source, Mapping):
-        rings = _from_geojson(source, name)
-    elif isinstance(source, str | Path):
-        text = source if isinstance(source, str) else ""
-        if not _is_geometry(text):
-            name = f'outline "{_short(source, 250)}"'
-            text = _read(Path(source), name)
-        rings = _from_text(text, name)
-    else:
-        rings = [source]
-    polygon = valid_polygon(rings[0], [*rings[1:], *holes], name)
+    polygons, _ = contours(source, holes=holes, unit=unit, most=1)
+    return polygons[0]
+
+
+def contours(
+    source: Any,
+    *,
+    holes: Iterable[Hole] = (),
+    unit: str = "mm",
+    straight: float = 0.0,
+    most: int | None = None,
+) -> tuple[tuple[Polygon, ...], tuple[str, ...]]:
+    """The polygons of a source that may hold several, and notes of what was left out of them.
+
+    `source`, `holes`, `unit` and errors as for `contour`; `straight` as for
+    `fdjax.part.ring.mended_ring`. A hole of `holes` goes to the polygon it lies in. Raises
+    `InputError` also for polygons that overlap or touch along an edge, for none, and for more
+    than `most`.
+    """
     factor = length(f"1 {unit}", "unit")
-    return polygon if factor == 1 else shapely.transform(polygon, lambda xy: factor * xy)
+    name, sources = polygons_in(source)
+    count = len(sources)
+    if not sources or count > (most or count):
+        need = "one is needed" if most == 1 else "at least one is needed"
+        raise InputError(f"{name}: holds {count} polygons; {need}")
+    mending = {"merged": MERGED / factor, "straight": straight}
+    more = list(holes)
+    polygons, notes = [], []
+    for k, rings in enumerate(sources, 1):
+        own = [*rings[1:], *(more if count == 1 else ())]
+        polygon, left_out = _polygon(rings[0], own, named(name, k, count), **mending)
+        polygons.append(polygon)
+        notes += left_out
+    if count > 1:
+        _check_apart(polygons, name)
+        for k, hole in enumerate(more, 1):
+            what = f"{name}, more hole {k}"
+            mended = mended_ring(hole, what, **mending)
+            notes.append(mended.note(what))
+            owner = _owner(polygons, mended.ring, what)
+            polygons[owner] = _joined(polygons[owner], mended.ring, what)
+    if factor != 1:
+        polygons = [shapely.transform(polygon, lambda xy: factor * xy) for polygon in polygons]
+    return tuple(polygons), tuple(filter(None, notes))
 
 
 def circle(centre: ArrayLike, radius: float) -> Polygon:
@@ -94,26 +109,7 @@ def closed_ring(points: Hole, name: str) -> LinearRing:
 
     Raises `InputError` as `contour` does for a single ring.
     """
-    if isinstance(points, Polygon):
-        if points.interiors:
-            raise InputError(f"{name}: has holes itself; give a plain ring")
-        points = points.exterior
-    if isinstance(points, LinearRing):
-        points = shapely.get_coordinates(points)
-    xy = as_points(points, name)
-    size = np.ptp(xy, axis=0).max()
-    kept = xy[np.abs(np.diff(xy, axis=0, append=xy[:1])).max(1) > 1e-12 * size]
-    distinct = max(1, len(np.unique(kept, axis=0)))
-    if distinct < 3:
-        raise InputError(f"{name}: has {distinct} distinct points; at least 3 are needed")
-    result = LinearRing(kept)
-    if result.convex_hull.area < 1e-12 * size**2:
-        raise InputError(f"{name}: has no area, all points lie on one line by {_at(xy[0])}")
-    fault = re.fullmatch(r"(.*)\[(\S+) (\S+).*\]", shapely.is_valid_reason(Polygon(result)))
-    if fault:
-        how = "touches" if fault[1].startswith("Ring") else "crosses"
-        raise InputError(f"{name}: {how} itself at {_at((float(fault[2]), float(fault[3])))}")
-    return result
+    return mended_ring(points, name).ring
 
 
 def valid_polygon(outline: Hole, holes: Iterable[Hole] = (), name: str = "outline") -> Polygon:
@@ -121,125 +117,65 @@ def valid_polygon(outline: Hole, holes: Iterable[Hole] = (), name: str = "outlin
 
     Raises `InputError` as `contour` does.
     """
-    shell = Polygon(closed_ring(outline, name))
-    voids = [Polygon(closed_ring(hole, f"{name}, hole {k}")) for k, hole in enumerate(holes, 1)]
+    return _polygon(outline, holes, name)[0]
+
+
+def _polygon(
+    outline: Hole, holes: Iterable[Hole], name: str, **mending: float
+) -> tuple[Polygon, list[str]]:
+    """The polygon, and notes of what was left out of its rings."""
+    names = [name]
+    rings: list[Mended] = [mended_ring(outline, name, **mending)]
+    for k, hole in enumerate(holes, 1):
+        names.append(f"{name}, hole {k}")
+        rings.append(mended_ring(hole, names[-1], **mending))
+    notes = [mended.note(what) for mended, what in zip(rings, names, strict=True)]
+    shell, *voids = (Polygon(mended.ring) for mended in rings)
     shapely.prepare(shell)
-    for k, void in enumerate(voids, 1):
-        if not shell.contains_properly(void):
-            outside = void.difference(shell)
-            where = outside if outside.area > 0 else void.intersection(shell.exterior)
-            raise InputError(f"{name}, hole {k}: touches or leaves the outline at {_inside(where)}")
+    for void, what in zip(voids, names[1:], strict=True):
+        _check_within(shell, void, what)
     for a, b in shapely.STRtree(voids).query(voids, predicate="intersects").T if voids else ():
         if a < b:
-            where = _inside(voids[a].intersection(voids[b]))
-            raise InputError(f"{name}: holes {a + 1} and {b + 1} touch or overlap at {where}")
-    return orient(Polygon(shell.exterior, [void.exterior for void in voids]))
-
-
-def _is_geometry(text: str) -> bool:
-    return text.lstrip().startswith("{") or _WKT.match(text) is not None
-
-
-def _read(path: Path, name: str) -> str:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        need = "a file with WKT or GeoJSON, or such text, is needed"
-        raise InputError(f"{name}: cannot be read ({error.strerror}); {need}") from None
-    except ValueError:
-        raise InputError(f"{name}: is no text file; WKT or GeoJSON is needed") from None
-    if not _is_geometry(text):
-        raise InputError(f"{name}: holds neither WKT nor GeoJSON (it begins {_short(text)!r})")
-    return text
-
-
-def _from_text(text: str, name: str) -> list[Floats]:
-    """The rings of WKT or GeoJSON text, the outline first."""
-    if not text.lstrip().startswith("{"):
-        return _from_wkt(text, name)
-    try:
-        document = json.loads(text)
-    except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        raise InputError(f"{name}: is not JSON: {error.msg} at {where}") from None
-    return _from_geojson(document, name)
-
-
-def _from_wkt(text: str, name: str) -> list[Floats]:
-    body = _WKT_POLYGON.fullmatch(text)
-    if body is None:
-        raise InputError(f"{name}: {_short(text)!r} is not a WKT POLYGON ((x y, x y, ...))")
-    rings = [
-        [[_number(word, name) for word in position.split()] for position in ring.split(",")]
-        for ring in re.findall(r"\(([^()]*)\)", body[1])
-    ]
-    return _closed(rings, name)
-
-
-def _from_geojson(document: Mapping[str, Any], name: str) -> list[Floats]:
-    polygons = _geojson_polygons(document, name)
-    if len(polygons) != 1:
-        raise InputError(f"{name}: GeoJSON holds {len(polygons)} polygons; one is needed")
-    return _closed(polygons[0], name)
-
-
-def _geojson_polygons(node: Any, name: str) -> list[Any]:
-    """The coordinates of every polygon in a GeoJSON object (RFC 7946); others are an error."""
-    kind = node.get("type") if isinstance(node, Mapping) else None
-    member = {
-        "Polygon": "coordinates",
-        "MultiPolygon": "coordinates",
-        "Feature": "geometry",
-        "FeatureCollection": "features",
-    }.get(str(kind))
-    if member is None:
-        raise InputError(f"{name}: GeoJSON type {kind!r}; a Polygon is needed")
-    content = node.get(member)
-    if kind == "Feature":
-        return _geojson_polygons(content, name)
-    if not isinstance(content, list):
-        raise InputError(f'{name}: GeoJSON {kind} without a list of "{member}"')
-    if kind == "FeatureCollection":
-        return [polygon for feature in content for polygon in _geojson_polygons(feature, name)]
-    return [content] if kind == "Polygon" else content
-
-
-def _closed(rings: Any, name: str) -> list[Floats]:
-    """Rings as arrays (n, 2), each checked to end where it starts."""
-    if not isinstance(rings, list) or not rings:
-        raise InputError(f"{name}: the polygon is empty")
-    arrays = []
-    for k, positions in enumerate(rings):
-        what = f"{name}, hole {k}" if k else name
-        try:
-            xy = as_points([position[:2] for position in positions], what)
-        except (TypeError, KeyError):
-            raise InputError(f"{what}: positions must be lists of two numbers") from None
-        if not (xy[0] == xy[-1]).all():
+            where = inside(voids[a].intersection(voids[b]))
             raise InputError(
-                f"{what}: does not close: it starts at {_at(xy[0])} and ends at {_at(xy[-1])}; "
-                "the last point must repeat the first"
+                f"{name}: holes {a + 1} and {b + 1} touch or overlap at {where}; "
+                "draw them as one or apart"
             )
-        arrays.append(xy)
-    return arrays
+    return orient(Polygon(shell.exterior, [void.exterior for void in voids])), notes
 
 
-def _number(word: str, name: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        raise InputError(f"{name}: {word!r} in the WKT is no number") from None
+def _check_within(shell: Polygon, void: Polygon, what: str) -> None:
+    if not shell.contains_properly(void):
+        outside = void.difference(shell)
+        where = outside if outside.area > 0 else void.intersection(shell.boundary)
+        raise InputError(
+            f"{what}: touches or leaves the outline at {inside(where)}; "
+            "a hole lies inside, apart from the edge"
+        )
 
 
-def _at(point: Any) -> str:
-    return f"({point[0]:g}, {point[1]:g})"
+def _check_apart(polygons: Sequence[Polygon], name: str) -> None:
+    """Raise `InputError` where two polygons share more than points."""
+    for a, b in shapely.STRtree(polygons).query(polygons, predicate="intersects").T:
+        shared = polygons[a].intersection(polygons[b]) if a < b else Polygon()
+        if shared.length > 0:
+            how = "overlap" if shared.area > 0 else "touch along an edge"
+            raise InputError(
+                f"{name}: polygons {a + 1} and {b + 1} {how} at {inside(shared)}; "
+                "unite them, or draw them apart"
+            )
 
 
-def _inside(place: shapely.Geometry) -> str:
-    point = shapely.point_on_surface(place)
-    return _at((point.x, point.y))
+def _owner(polygons: Sequence[Polygon], hole: LinearRing, what: str) -> int:
+    """Number of the polygon that a hole lies in."""
+    point = shapely.point_on_surface(Polygon(hole))
+    owners = np.flatnonzero(shapely.contains(polygons, point))
+    if not len(owners):
+        raise InputError(f"{what}: lies in no polygon, at {at((point.x, point.y))}")
+    return int(owners[0])
 
 
-def _short(text: object, most: int = 60) -> str:
-    line = " ".join(str(text).split())
-    return line if len(line) <= most else line[: most - 3] + "..."
+def _joined(polygon: Polygon, hole: LinearRing, what: str) -> Polygon:
+    """The polygon with one more hole."""
+    _check_within(polygon, Polygon(hole), what)
+    return orient(Polygon(polygon.exterior, [*polygon.interiors, hole]))

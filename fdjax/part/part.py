@@ -29,7 +29,7 @@ class Part:
     - `patch`: the four sides of its region where they are known, for patterns that need them.
 
     >>> part = Part.plate([(0, 0), (8, 0), (8, 8), (0, 8)], layers=10, height=0.2)
-    >>> len(part.slabs), part.height, part.volume
+    >>> len(part.slabs), part.height, round(part.volume, 9)
     (10, 2.0, 128.0)
     """
 

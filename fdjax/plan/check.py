@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Polygon, STRtree, contains_xy, distance, intersects, prepare
+from shapely import STRtree, contains_xy, distance, intersects, prepare
 
 from fdjax.limits import Limits
 from fdjax.plan.segments import Crossings, Segments
 from fdjax.plan.spacing import approaches, spans
-from fdjax.plan.toolpath import Build, Layer
+from fdjax.plan.toolpath import Build, Layer, Outline
 
 Floats = NDArray[np.float64]
 
@@ -198,7 +198,7 @@ def _outline(layer: Layer, segments: Segments) -> _Found:
         yield "error", "outline", text, place, count, float(over[worst])
 
 
-def _near_wall(outline: Polygon, segments: Segments) -> NDArray[np.intp]:
+def _near_wall(outline: Outline, segments: Segments) -> NDArray[np.intp]:
     """Segments that leave the outline shrunk by half the widest road, give or take."""
     safe = outline.buffer(TOLERANCE / 2 - segments.width.max() / 2, join_style="mitre")
     wall = safe.boundary

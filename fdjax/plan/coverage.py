@@ -2,13 +2,12 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Polygon
 
 from fdjax.errors import InputError
 from fdjax.plan.measure import layer_outlines
 from fdjax.plan.segments import Segments
 from fdjax.plan.stadium import stadium_chord
-from fdjax.plan.toolpath import Build
+from fdjax.plan.toolpath import Build, Outline
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +16,7 @@ _ANGLE = 0.4
 
 
 def coverage(
-    build: Build, *, outline: Polygon | None = None, resolution: float | None = None
+    build: Build, *, outline: Outline | None = None, resolution: float | None = None
 ) -> float:
     """The share of the outline that roads cover, layer by layer, then averaged over the height.
 
@@ -35,10 +34,10 @@ def coverage(
     >>> round(coverage(Build((Layer(0.2, 0.2, (road,), box(0, 0, 100, 10)),))), 3)
     0.05
     """
-    outlines = layer_outlines(build, outline)
+    filled = layer_outlines(build, outline)
     if resolution is not None and not resolution > 0:
         raise InputError(f"resolution: {resolution:g} mm; it must be positive")
-    room = sum(polygon.area * height for polygon, height in outlines)
+    room = sum(each.outline.area * each.height for each in filled)
     covered = sum(
         _union_area(Segments.of(layer.roads), resolution) * layer.height for layer in build.layers
     )

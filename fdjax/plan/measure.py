@@ -1,16 +1,15 @@
 """The exact porosity of a build, window by window. This is the one definition of porosity."""
 
-from collections.abc import Callable
+from collections import defaultdict
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Polygon, area, box, contains_properly, contains_xy, intersection, prepare
-from shapely import bounds as bounds_of
+from shapely import area, bounds, box, contains_properly, intersection, intersects, prepare
 
 from fdjax.errors import InputError
 from fdjax.plan.segments import Segments
-from fdjax.plan.toolpath import Build
+from fdjax.plan.toolpath import Build, Outline
 from fdjax.road.bead import section_area
 
 Floats = NDArray[np.float64]
@@ -18,8 +17,37 @@ Floats = NDArray[np.float64]
 HALF = 0.5 * (1 - 1e-9)
 """Share of a window that must lie inside the outline: half, give or take rounding."""
 
-_POINTS = 8
-"""Points a side at which a target is averaged over a window."""
+
+@dataclass(frozen=True, eq=False)
+class Filled:
+    """One outline and the layers that fill it.
+
+    - `middles`, `heights`: of the layers, shape (layers,), mm; the middles above the bed.
+    """
+
+    outline: Outline
+    middles: Floats
+    heights: Floats
+
+    @property
+    def height(self) -> float:
+        """Sum of its layers' heights, mm."""
+        return float(self.heights.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """Square windows clipped to an outline.
+
+    - `area`: of what is left of each, shape (nx, ny), mm^2.
+    - `bounds`: least x and y, largest x and y of that, shape (nx, ny, 4), mm; nan where it is
+      empty.
+    - `cut`: the windows that are not inside as a whole, shape (nx, ny).
+    """
+
+    area: Floats
+    bounds: Floats
+    cut: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +58,8 @@ class Measurement:
     - `area`: of the outline inside each window, mean over the layers, shape (nx, ny), mm^2.
     - `volume`: deposited in each window, shape (nx, ny), mm^3.
     - `total_volume`: deposited in the whole build, mm^3.
-    - `outlines`: the layers' outlines, each once, with the summed height of its layers, mm.
+    - `filled`: the layers' outlines, each once, with the layers that fill it.
+    - `clips`: the windows clipped to each of these.
     """
 
     x: Floats
@@ -38,12 +67,18 @@ class Measurement:
     area: Floats
     volume: Floats
     total_volume: float
-    outlines: tuple[tuple[Polygon, float], ...]
+    filled: tuple[Filled, ...]
+    clips: tuple[Clip, ...]
 
     @property
     def height(self) -> float:
         """Sum of the layer heights, mm."""
-        return sum(height for _, height in self.outlines)
+        return sum(each.height for each in self.filled)
+
+    @property
+    def outlines(self) -> tuple[Outline, ...]:
+        """The layers' outlines, each once."""
+        return tuple(each.outline for each in self.filled)
 
     @property
     def kept(self) -> NDArray[np.bool_]:
@@ -64,7 +99,7 @@ class Measurement:
     @property
     def mean_solid(self) -> float:
         """Solid share of the whole part, whatever the windows."""
-        room = sum(outline.area * height for outline, height in self.outlines)
+        room = sum(each.outline.area * each.height for each in self.filled)
         return self.total_volume / room
 
     @property
@@ -78,7 +113,7 @@ def measure(
     *,
     window: float,
     shift: tuple[float, float] = (0.0, 0.0),
-    outline: Polygon | None = None,
+    outline: Outline | None = None,
 ) -> Measurement:
     """Measure the solid share of a build in square windows of side `window`, mm.
 
@@ -103,36 +138,38 @@ def measure(
     """
     if not (window > 0 and np.isfinite(window)):
         raise InputError(f"window: {window:g} mm; it must be positive")
-    outlines = layer_outlines(build, outline)
-    bounds = np.array([polygon.bounds for polygon, _ in outlines])
+    filled = layer_outlines(build, outline)
+    boxes = np.array([each.outline.bounds for each in filled])
     x, y = (
-        _edges(bounds[:, axis].min(), bounds[:, axis + 2].max(), window, shift[axis])
+        _edges(boxes[:, axis].min(), boxes[:, axis + 2].max(), window, shift[axis])
         for axis in (0, 1)
     )
-    height = sum(own for _, own in outlines)
-    inside = np.sum([_clipped(polygon, x, y)[0] * own for polygon, own in outlines], 0) / height
-    measurement = Measurement(x, y, inside, _deposits(build, x, y), build.volume, outlines)
+    clips = tuple(_clipped(each.outline, x, y) for each in filled)
+    heights = [each.height for each in filled]
+    inside = np.average([clip.area for clip in clips], axis=0, weights=heights)
+    deposits = _deposits(build, x, y)
+    measurement = Measurement(x, y, inside, deposits, build.volume, filled, clips)
     if not measurement.kept.any():
         raise InputError(f"window: none of {window:g} mm is half inside; ask for a smaller one")
     return measurement
 
 
-def layer_outlines(build: Build, outline: Polygon | None) -> tuple[tuple[Polygon, float], ...]:
-    """The layers' outlines, or the one given, each once with the summed height of its layers.
+def layer_outlines(build: Build, outline: Outline | None) -> tuple[Filled, ...]:
+    """The layers' outlines, or the one given, each once with the layers that fill it.
 
     Raises `InputError` where a layer has none or there is no layer.
     """
     if not build.layers:
         raise InputError("build: it has no layers, so there is nothing to measure")
-    found: dict[Polygon, float] = {}
+    found: defaultdict[Outline, list[tuple[float, float]]] = defaultdict(list)
     for number, layer in enumerate(build.layers):
         own = outline if outline is not None else layer.outline
         if own is None:
             raise InputError(f"layer {number}: no outline; give one to measure against")
         if own not in found and not (own.is_valid and own.area > 0):
             raise InputError(f"layer {number}: the outline crosses itself or has no area")
-        found[own] = found.get(own, 0.0) + layer.height
-    return tuple(found.items())
+        found[own].append((layer.z - layer.height / 2, layer.height))
+    return tuple(Filled(own, *np.array(layers).T) for own, layers in found.items())
 
 
 def _edges(low: float, high: float, window: float, shift: float) -> Floats:
@@ -141,13 +178,18 @@ def _edges(low: float, high: float, window: float, shift: float) -> Floats:
     return first + window * np.arange(count + 1.0)
 
 
-def _clipped(polygon: Polygon, x: Floats, y: Floats) -> tuple[Floats, NDArray[np.object_]]:
-    """Area of the polygon in each window, and the windows clipped to it."""
+def _clipped(outline: Outline, x: Floats, y: Floats) -> Clip:
+    """The windows between these edges clipped to the outline."""
     windows = box(x[:-1, None], y[None, :-1], x[1:, None], y[None, 1:])
-    prepare(polygon)
-    cut = ~contains_properly(polygon, windows)
-    windows[cut] = intersection(polygon, windows[cut])
-    return area(windows), windows
+    prepare(outline)
+    cut = ~contains_properly(outline, windows)
+    # Strips first: each window then meets the few points of its strip alone.
+    columns = box(x[:-1], y[0], x[1:], y[-1])
+    columns[cut.any(1)] = intersection(outline, columns[cut.any(1)])
+    met = cut & intersects(outline, windows)
+    windows[met] = intersection(np.broadcast_to(columns[:, None], cut.shape)[met], windows[met])
+    left = np.where(cut & ~met, 0.0, area(windows))
+    return Clip(left, np.where(left[..., None] > 0, bounds(windows), np.nan), cut)
 
 
 def _deposits(build: Build, x: Floats, y: Floats) -> Floats:
@@ -196,84 +238,3 @@ def _split(start: Floats, end: Floats) -> tuple[NDArray[np.intp], Floats, Floats
     owner, low, high = owner[1:][within], at[:-1][within], at[1:][within]
     middle = start[owner] + ((low + high) / 2)[:, None] * (end - start)[owner]
     return owner, high - low, middle
-
-
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """A measurement beside the porosity that was asked for.
-
-    - `asked`, `got`, `error`: porosity of each window and their difference (got - asked), shape
-      (nx, ny), nan where a window is left out.
-    - `rms`, `largest`, `mean_error`: of the error over the windows, weighted by area; the largest
-      is an absolute value.
-    - `mean_asked`, `mean_got`: of the whole part.
-    """
-
-    asked: Floats
-    got: Floats
-    error: Floats
-    rms: float
-    largest: float
-    mean_error: float
-    mean_asked: float
-    mean_got: float
-
-
-def compare(measurement: Measurement, target: Callable[[Floats, Floats], Floats]) -> Comparison:
-    """Compare a measurement with a target porosity `target(x, y)`, called on arrays in mm.
-
-    The target is averaged over each window within the outline, at 8 x 8 Gauss points of the
-    window, or of the bounding box of what the outline leaves of it, those inside counting.
-
-    >>> from fdjax.plan.toolpath import Layer, Road
-    >>> plate = Build((Layer(0.5, 0.5, (), box(0, 0, 4, 2)),))
-    >>> compare(measure(plate, window=2), lambda x, y: x / 4).asked.round(9).tolist()
-    [[0.25], [0.75]]
-    """
-    weight = np.zeros_like(measurement.area)
-    total = np.zeros_like(weight)
-    for polygon, height in measurement.outlines:
-        inside, windows = _clipped(polygon, measurement.x, measurement.y)
-        room = inside * height
-        total += room * _target_means(polygon, windows, inside > 0, target)
-        weight += room
-    asked = np.divide(total, weight, out=np.zeros_like(total), where=weight > 0)
-    kept = measurement.kept
-    got = measurement.porosity
-    error = np.where(kept, got - asked, np.nan)
-    share = weight[kept] / weight[kept].sum()
-    return Comparison(
-        asked=np.where(kept, asked, np.nan),
-        got=got,
-        error=error,
-        rms=float(np.sqrt((share * error[kept] ** 2).sum())),
-        largest=float(np.abs(error[kept]).max()),
-        mean_error=float((share * error[kept]).sum()),
-        mean_asked=float(total.sum() / weight.sum()),
-        mean_got=measurement.mean_porosity,
-    )
-
-
-def _target_means(
-    polygon: Polygon,
-    windows: NDArray[np.object_],
-    used: NDArray[np.bool_],
-    target: Callable[[Floats, Floats], Floats],
-) -> Floats:
-    """Mean of the target over each clipped window; 0 where a window is not used."""
-    node, gauss = np.polynomial.legendre.leggauss(_POINTS)
-    x0, y0, x1, y1 = bounds_of(windows[used]).T[..., None, None]
-    x = x0 + (x1 - x0) * (node[:, None] + 1) / 2
-    y = y0 + (y1 - y0) * (node[None, :] + 1) / 2
-    x, y = (np.broadcast_to(each, (used.sum(), _POINTS, _POINTS)) for each in (x, y))
-    value = np.broadcast_to(np.asarray(target(x, y), float), x.shape)
-    if not np.isfinite(value).all():
-        bad = np.unravel_index(np.argmin(np.isfinite(value)), value.shape)
-        raise InputError(f"target: not finite at ({x[bad]:g}, {y[bad]:g})")
-    inside = contains_xy(polygon, x, y)
-    # Of a sliver between the points every point counts.
-    inside |= ~inside.any(axis=(1, 2), keepdims=True)
-    weight = inside * np.outer(gauss, gauss)
-    means = np.zeros(windows.shape)
-    means[used] = (weight * value).sum((1, 2)) / weight.sum((1, 2))
-    return means

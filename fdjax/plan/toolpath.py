@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon, Polygon, get_precision, set_precision
 
 from fdjax.errors import InputError
 from fdjax.road.bead import section_area
 
 Floats = NDArray[np.float64]
+Outline = Polygon | MultiPolygon
+"""What a layer fills, holes included, mm."""
 
 
 def _frozen(values: ArrayLike) -> Floats:
@@ -76,15 +78,29 @@ class Layer:
     """Roads laid at one height, in the order in which they are laid.
 
     - `z`: top of the layer above the bed, mm; `height`: its thickness, mm.
-    - `outline`: what the layer is to fill, holes included, or None where a file does not say.
+    - `outline`: what the layer is to fill, one or several polygons with their holes, or None where
+      a file does not say.
     - `thinned`: volume of lines that were left out because others lie too near, mm^3.
+
+    Raises `InputError` for an outline of another kind.
     """
 
     z: float
     height: float
     roads: tuple[Road, ...]
-    outline: Polygon | MultiPolygon | None = None
+    outline: Outline | None = None
     thinned: float = 0.0
+
+    def __post_init__(self) -> None:
+        outline = self.outline
+        if outline is None:
+            return
+        if not isinstance(outline, Polygon | MultiPolygon):
+            kind = getattr(outline, "geom_type", type(outline).__name__)
+            raise InputError(f"layer: the outline is a {kind}; a Polygon or MultiPolygon is needed")
+        if get_precision(outline) > 0:
+            # The grid of one geometry would rule whatever is done with another.
+            object.__setattr__(self, "outline", set_precision(outline, 0))
 
     @property
     def volume(self) -> float:

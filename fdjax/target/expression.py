@@ -1,8 +1,9 @@
-"""Arithmetic in x and y, read from text without ever running it as Python."""
+"""Arithmetic in x, y and z, read from text without ever running it as Python."""
 
 import ast
 import difflib
 import math
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,8 +13,10 @@ from typing import Any
 from fdjax.arrays import namespace
 from fdjax.errors import InputError
 
-Evaluator = Callable[[Any, Any, Any], Any]
-"""(x, y, array namespace) -> value."""
+Place = tuple[Any, Any, Any]
+"""x, y and z."""
+Evaluator = Callable[[Place, Any], Any]
+"""(place, array namespace) -> value."""
 
 LONGEST = 2000
 """Characters that an expression may have."""
@@ -37,9 +40,10 @@ _COMPARISONS: dict[type, str] = {
 }
 _BOOLEANS: dict[type, str] = {ast.And: "logical_and", ast.Or: "logical_or"}
 _NAMES: dict[str, Evaluator] = {
-    "x": lambda x, y, xp: x,
-    "y": lambda x, y, xp: y,
-    "pi": lambda x, y, xp: math.pi,
+    "x": lambda at, xp: at[0],
+    "y": lambda at, xp: at[1],
+    "z": lambda at, xp: at[2],
+    "pi": lambda at, xp: math.pi,
 }
 
 
@@ -77,10 +81,10 @@ _FUNCTIONS: dict[str, tuple[str, Callable[..., Any]]] = {
 
 @dataclass(frozen=True)
 class Expression:
-    """A formula in x and y, callable on NumPy and JAX arrays alike.
+    """A formula in x, y and z, callable on NumPy and JAX arrays alike.
 
-    Allowed are numbers, `x`, `y`, `pi`, `+ - * / **`, brackets, and the functions sin, cos, tan,
-    exp, log (natural), sqrt, abs, tanh, hypot(a, b), atan2(y, x), clip(value, low, high),
+    Allowed are numbers, `x`, `y`, `z`, `pi`, `+ - * / **`, brackets, and the functions sin, cos,
+    tan, exp, log (natural), sqrt, abs, tanh, hypot(a, b), atan2(y, x), clip(value, low, high),
     min, max (two or more) and where(condition, then, else); a condition is built of
     comparisons with `and`, `or`, `not`. Anything else raises `InputError`. The text is parsed,
     never executed. `sqrt` and `hypot` have derivative 0 at 0; `where` computes both branches.
@@ -99,9 +103,14 @@ class Expression:
         object.__setattr__(self, "text", text)
         object.__setattr__(self, "_value", _Reader(text).read())
 
-    def __call__(self, x: Any, y: Any) -> Any:
-        """The value at x and y, which broadcast against each other."""
-        return self._value(x, y, namespace(x, y))
+    def __call__(self, x: Any, y: Any, z: Any = 0.0) -> Any:
+        """The value at x, y and z, which broadcast against each other."""
+        return self._value((x, y, z), namespace(x, y, z))
+
+    @property
+    def varies_in_z(self) -> bool:
+        """Whether the formula has a z in it."""
+        return re.search(r"\bz\b", self.text) is not None
 
 
 @dataclass(frozen=True)
@@ -153,7 +162,7 @@ class _Reader:
                 operand = self.value(inner, depth - 1)
                 if isinstance(node.op, ast.UAdd):
                     return operand
-                return lambda x, y, xp: xp.negative(operand(x, y, xp))
+                return lambda at, xp: xp.negative(operand(at, xp))
             case ast.BinOp(op=op) if type(op) in _OPERATORS:
                 return self.binary(node, _OPERATORS[type(op)], depth)
             case ast.BinOp(op=ast.BitXor()):
@@ -174,12 +183,12 @@ class _Reader:
             number = math.inf
         if not math.isfinite(number):
             raise self.error("number too large", node)
-        return lambda x, y, xp: number
+        return lambda at, xp: number
 
     def binary(self, node: ast.BinOp, name: str, depth: int) -> Evaluator:
         left = self.value(node.left, depth - 1)
         right = self.value(node.right, depth - 1)
-        return lambda x, y, xp: getattr(xp, name)(left(x, y, xp), right(x, y, xp))
+        return lambda at, xp: getattr(xp, name)(left(at, xp), right(at, xp))
 
     def call(self, node: ast.Call, depth: int) -> Evaluator:
         if not isinstance(node.func, ast.Name):
@@ -197,7 +206,7 @@ class _Reader:
         if name == "where":
             readers[0] = self.condition
         parts = [read(part, depth - 1) for read, part in zip(readers, node.args, strict=True)]
-        return lambda x, y, xp: function([part(x, y, xp) for part in parts], xp)
+        return lambda at, xp: function([part(at, xp) for part in parts], xp)
 
     def condition(self, node: ast.expr, depth: int) -> Evaluator:
         if depth == 0:
@@ -208,10 +217,10 @@ class _Reader:
             case ast.BoolOp():
                 parts = [self.condition(part, depth - 1) for part in node.values]
                 name = _BOOLEANS[type(node.op)]
-                return lambda x, y, xp: reduce(getattr(xp, name), [p(x, y, xp) for p in parts])
+                return lambda at, xp: reduce(getattr(xp, name), [p(at, xp) for p in parts])
             case ast.UnaryOp(op=ast.Not(), operand=inner):
                 operand = self.condition(inner, depth - 1)
-                return lambda x, y, xp: xp.logical_not(operand(x, y, xp))
+                return lambda at, xp: xp.logical_not(operand(at, xp))
             case _:
                 raise self.error("where(...) wants a comparison first, as in x < 40", node)
 
@@ -222,8 +231,8 @@ class _Reader:
         names = [_COMPARISONS[type(op)] for op in node.ops]
         parts = [self.value(part, depth - 1) for part in (node.left, *node.comparators)]
 
-        def compare(x: Any, y: Any, xp: Any) -> Any:
-            v = [part(x, y, xp) for part in parts]
+        def compare(at: Place, xp: Any) -> Any:
+            v = [part(at, xp) for part in parts]
             pairs = zip(names, v[:-1], v[1:], strict=True)
             return reduce(xp.logical_and, [getattr(xp, name)(a, b) for name, a, b in pairs])
 

@@ -12,13 +12,12 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
-from shapely import MultiPolygon, Polygon
 
 from fdjax.errors import InputError
+from fdjax.plan.toolpath import Outline
 from fdjax.view.sheet import BAR_ROOM, Box, Sheet
 
 Floats = NDArray[np.float64]
-Outline = Polygon | MultiPolygon
 
 XI_COLOUR, ETA_COLOUR = "#1b5e9e", "#d1603d"
 SHARE_COLOURS, ERROR_COLOURS = "viridis", "RdBu_r"

@@ -12,8 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from shapely import MultiPolygon, Polygon
 from shapely.geometry.polygon import orient
+
+from fdjax.plan.toolpath import Outline
 
 INK, GREY, PAPER = "#22272e", "#6b737c", "#f6f4ef"
 SMALL, NORMAL, LARGE = 7.0, 8.5, 10.0
@@ -49,7 +50,7 @@ class Sheet:
     - `largest`: width and height that a panel may have, inches.
     """
 
-    def __init__(self, outline: Polygon | MultiPolygon, *, largest: tuple[float, float]) -> None:
+    def __init__(self, outline: Outline, *, largest: tuple[float, float]) -> None:
         x0, y0, x1, y1 = outline.bounds
         self.limits = (x0, x1), (y0, y1)
         self.inches_per_mm = min(largest[0] / (x1 - x0), largest[1] / (y1 - y0))
@@ -135,7 +136,7 @@ class Sheet:
         return figure.add_axes((*place, box.width / width, box.height / height))
 
 
-def _compound_path(outline: Polygon | MultiPolygon) -> Path:
+def _compound_path(outline: Outline) -> Path:
     """The outline with its holes as one path: shells counter-clockwise, holes clockwise."""
     rings = []
     for part in shapely.get_parts(outline):

@@ -2,7 +2,7 @@
 
 import numpy as np
 from hypothesis import strategies as st
-from shapely import Polygon
+from shapely import MultiPolygon, Polygon
 
 from fdjax.plan.toolpath import Build, Layer, Road
 
@@ -10,6 +10,10 @@ RING = Polygon(
     [(0, 0), (40, 0), (40, 30), (1 / 3, 30.1)], [[(10, 10), (20, 10), (20, 20), (10, 20)]]
 )
 INNER = Polygon([(0.25, 0.25), (39.75, 0.25), (39.75, 29.75), (0.6, 29.85)])
+ISLANDS = MultiPolygon(
+    [RING, Polygon([(12, 12), (18, 12), (15 + 1 / 7, 18)]), Polygon([(50, 0), (51, 0), (50, 1e-3)])]
+)
+"""A ring, an island in its hole and a sliver beside it."""
 
 
 def small_build(materials: int = 1) -> Build:
@@ -55,7 +59,9 @@ def builds(draw: st.DrawFn, materials: int = 2) -> Build:
             touches = laid and draw(st.booleans())
             start = tuple(laid[-1].path[-1].tolist()) if touches else None
             laid.append(draw(roads(start, materials)))
-        layers.append(Layer(z, height, tuple(laid), draw(st.sampled_from([None, RING]))))
+        layers.append(
+            Layer(z, height, tuple(laid), draw(st.sampled_from([None, RING, INNER, ISLANDS])))
+        )
     origin = draw(st.tuples(_coordinate, _coordinate))
     text = st.text(max_size=200)
     notes = draw(st.dictionaries(st.sampled_from(["target", "a.b", "x_1"]), text, max_size=3))

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from format_samples import RING
+from format_samples import ISLANDS, RING
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Point
@@ -31,10 +31,10 @@ def test_spaces_at_the_breaks_survive():
 
 def test_outlines_survive_exactly():
     circle = Point(1 / 3, np.pi).buffer(np.e * 1e-3).difference(Point(1 / 3, np.pi).buffer(1e-4))
-    for polygon in (RING, circle):
-        facts = facts_of(header.lines(";", {"outline": header.polygon_text(polygon)}))
+    for polygon in (RING, circle, ISLANDS):
+        facts = facts_of(header.lines(";", {"outline": header.outline_text(polygon)}))
         assert facts.outline().equals_exact(polygon, 0.0)
-    assert facts_of(header.lines(";", {"outline": header.polygon_text(None)})).outline() is None
+    assert facts_of(header.lines(";", {"outline": header.outline_text(None)})).outline() is None
 
 
 def test_a_mark_is_no_fact():
@@ -48,6 +48,7 @@ def test_a_mark_is_no_fact():
     ("line", "ask"),
     [
         ("; fdjax outline = POLYGON ((0 0, 1", lambda facts: facts.outline()),
+        ("; fdjax outline = MULTIPOLYGON (((0 0, 1", lambda facts: facts.outline()),
         ("; fdjax outline = POINT (0 0)", lambda facts: facts.outline()),
         ("; fdjax origin = 1 nan", lambda facts: facts.numbers("origin", 2)),
         ("; fdjax origin = 1", lambda facts: facts.numbers("origin", 2)),

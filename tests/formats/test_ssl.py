@@ -1,6 +1,8 @@
+import re
+
 import numpy as np
 import pytest
-from format_samples import RING, small_build
+from format_samples import ISLANDS, RING, small_build
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Point, Polygon
@@ -85,7 +87,8 @@ def test_a_layer_without_outline_cannot_be_written():
         (SQUARE.replace("1 1\n0 1\n", ""), "line 8: .* flat"),
         (SQUARE.replace("Z 0.01 0.01\n", ""), "line 9: a contour before the first layer"),
         (SQUARE.replace("END", "Z 2 1\nZ"), "line 12: ''; two numbers"),
-        (SQUARE.replace("C\n", "C\n5 5\n6 5\n6 6\nC\n"), "line 5: .*not one outline"),
+        (SQUARE.replace("C\n", "C\n.5 .5\n6 .5\n6 .6\nC\n"), "line 5: .*cross or touch"),
+        (SQUARE.replace("C\n", "C\n1 0\n2 0\n2 1\n1 1\nC\n"), "line 5: .*cross or touch"),
     ],
 )
 def test_what_cannot_be_read(text, message):
@@ -96,3 +99,20 @@ def test_what_cannot_be_read(text, message):
 def test_small_build():
     again = ssl.read(ssl.write(small_build()))
     assert again.layers[0].outline.area == pytest.approx(RING.area)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_several_outlines_come_back_whatever_the_order_of_contours(seed):
+    build = Build((Layer(0.2, 0.2, (), ISLANDS), Layer(0.4, 0.2, (), RING)), name="a")
+    text = ssl.write(build)
+    head, body = text.split("\n", 5)[:5], text.split("\n", 5)[5]
+    first, rest = body.split("\nZ ", 1)
+    contours = [ring.strip() for ring in re.split(r"^C$", first, flags=re.MULTILINE)[:-1]]
+    assert len(contours) == 4
+    order = np.random.default_rng(seed).permutation(4)
+    shuffled = "".join(contours[k] + "\nC\n" for k in order)
+    again = ssl.read("\n".join(head) + "\n" + shuffled + "Z " + rest)
+    outline = again.layers[0].outline
+    assert sorted(len(part.interiors) for part in outline.geoms) == [0, 0, 1]
+    assert outline.symmetric_difference(ISLANDS).area < 1e-4
+    assert again.layers[1].outline.geom_type == "Polygon"

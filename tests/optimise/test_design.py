@@ -16,7 +16,8 @@ from fdjax.limits import Limits
 from fdjax.optimise.design import design
 from fdjax.part.patch import cosine_top, rectangle
 from fdjax.plan.check import check
-from fdjax.plan.measure import compare, measure
+from fdjax.plan.compare import compare
+from fdjax.plan.measure import measure
 from fdjax.plan.trace import lay
 
 MARLIN = profile.load("marlin-0.4")

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from shapely import Point, box
+from shapely import MultiPolygon, Point, box
 
 from fdjax.errors import InputError
 from fdjax.limits import Limits
@@ -165,3 +165,14 @@ def test_limits_are_checked():
     ):
         with pytest.raises(InputError, match="mm"):
             Limits(**options)
+
+
+def test_roads_of_several_polygons_stay_in_their_own():
+    pair = MultiPolygon([box(0, 0, 20, 8), box(0, 10, 20, 20)])
+    good = (Road([(1, 4), (19, 4)], 0.4), Road([(1, 12), (19, 12)], 0.4))
+    assert check(one(*good, outline=pair), LIMITS) == ()
+    across = Road([(5, 5), (5, 11)], 0.4)
+    finding = kinds(one(*good, across, outline=pair))[("outline", "error")]
+    assert (finding.count, finding.xy) == (1, pytest.approx((5, 8)))
+    between = Road([(1, 9), (19, 9)], 0.4)
+    assert kinds(one(between, outline=pair))[("outline", "error")].value == pytest.approx(1.2)

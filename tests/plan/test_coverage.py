@@ -3,7 +3,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import LineString, box
+from shapely import LineString, MultiPolygon, box
 
 from fdjax.errors import InputError
 from fdjax.plan.coverage import coverage
@@ -82,3 +82,10 @@ def test_chord_is_where_the_distance_is_the_radius(seed):
         for t in (low, high):
             assert bead.distance(shapely.Point(p + t * d)) == pytest.approx(0.3)
         assert bead.distance(shapely.Point(p + (low + high) / 2 * d)) <= 0.3
+
+
+def test_room_of_several_polygons_adds_up():
+    pair = MultiPolygon([box(0, 0, 10, 10), box(15, 0, 20, 10)])
+    roads = (Road([(2, 5), (8, 5)], 0.4), Road([(16, 5), (19, 5)], 0.4))
+    share = coverage(Build((Layer(0.2, 0.2, roads, pair),)))
+    assert share == pytest.approx((capsule(6, 0.4) + capsule(3, 0.4)) / 150, rel=2e-3)

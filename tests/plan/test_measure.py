@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import Point, box
+from shapely import MultiPolygon, Point, box, intersection, set_precision
 
 from fdjax.errors import InputError
+from fdjax.plan.compare import compare
 from fdjax.plan.lines import lay_lines
-from fdjax.plan.measure import compare, measure
+from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.road.bead import section_area
 from fdjax.road.stroke import Lines
@@ -62,7 +63,7 @@ def test_segment_on_a_window_edge_counts_once():
 @settings(max_examples=30, deadline=None)
 @given(
     seed=st.integers(0, 10**6),
-    window=st.floats(0.7, 9),
+    window=st.floats(0.7, 5),
     shift=st.tuples(st.floats(0, 1), st.floats(0, 1)),
 )
 def test_windows_hold_all_volume_and_measuring_is_additive(seed, window, shift):
@@ -152,3 +153,63 @@ def test_degenerate_builds():
         measure(plate(), window=0)
     with pytest.raises(InputError, match="not finite"):
         compare(measure(plate(), window=5), lambda x, y: x * np.nan)
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10**6), window=st.floats(0.8, 2))
+def test_windows_are_clipped_to_several_polygons(seed, window):
+    rng = np.random.default_rng(seed)
+    parts = [Point(*rng.uniform(2, 8, 2)).buffer(rng.uniform(2, 4)) - Point(5, 5).buffer(1)]
+    parts += [Point(24, 6).buffer(4).difference(Point(24, 6).buffer(2)), box(30, 0, 37, 3)]
+    pair = MultiPolygon([p for p in parts if p.geom_type == "Polygon"])
+    other = MultiPolygon(parts[1:])
+    build = Build((Layer(0.3, 0.3, (), pair), Layer(0.4, 0.1, (), other)))
+    result = measure(build, window=window)
+    x, y = result.x, result.y
+    windows = box(x[:-1, None], y[None, :-1], x[1:, None], y[None, 1:])
+    exact = [[intersection(outline, w).area for w in windows.ravel()] for outline in (pair, other)]
+    assert result.area.ravel() == pytest.approx(np.average(exact, 0, [0.3, 0.1]), abs=1e-9)
+    bounds = [intersection(pair, w).bounds for w in windows.ravel()]
+    bounds = [
+        b if w.intersection(pair).area else (np.nan,) * 4
+        for b, w in zip(bounds, windows.ravel(), strict=True)
+    ]
+    np.testing.assert_allclose(result.clips[0].bounds.reshape(-1, 4), bounds, atol=1e-9)
+
+
+def test_many_small_windows_beside_the_polygons_are_left_out():
+    pair = MultiPolygon([box(0, 0, 5, 5), box(15, 0, 20, 5)])
+    result = measure(plate(Road([(0, 1), (20, 1)], 0.4), outline=pair), window=5)
+    assert result.kept[:, 0].tolist() == [True, False, False, True]
+    assert result.mean_solid == pytest.approx(20 * BEAD / (50 * 0.2))
+
+
+def test_a_target_that_varies_in_z_is_averaged_over_the_layers_within_their_outlines():
+    layers = (Layer(0.2, 0.2, (), PLATE), Layer(0.5, 0.3, (), box(0, 0, 10, 10)))
+    result = measure(Build((*layers, Layer(0.6, 0.1, (), PLATE))), window=10)
+    comparison = compare(result, lambda x, y, z: z)
+    both = 0.2 * 0.1 + 0.1 * 0.55
+    assert comparison.asked[0, 0] == pytest.approx((both + 0.3 * 0.35) / 0.6)
+    whole = (200 * both + 100 * 0.3 * 0.35) / (200 * 0.3 + 100 * 0.3)
+    assert comparison.mean_asked == pytest.approx(whole)
+    flat = compare(result, lambda x, y: x / 40)
+    same = compare(result, lambda x, y, z: x / 40 + 0 * z)
+    assert same.asked == pytest.approx(flat.asked, nan_ok=True, abs=1e-14)
+    with pytest.raises(InputError, match=r"not finite at \(.*, 0\.35\)"):
+        compare(result, lambda x, y, z: np.where(abs(z - 0.35) < 0.01, np.nan, x * 0))
+
+
+def test_layers_alike_are_clipped_once():
+    build = plate(layers=5)
+    result = measure(
+        build.replace(layers=(*build.layers, Layer(1.2, 0.2, (), box(0, 0, 20, 10)))), window=5
+    )
+    assert len(result.filled) == len(result.clips) == 1
+    assert result.filled[0].middles == pytest.approx([0.1, 0.3, 0.5, 0.7, 0.9, 1.1])
+
+
+def test_a_layer_takes_polygons_only_and_off_their_grid():
+    with pytest.raises(InputError, match="outline is a Point; a Polygon or MultiPolygon"):
+        Layer(0.2, 0.2, (), Point(0, 0))  # type: ignore[arg-type]
+    coarse = measure(plate(outline=set_precision(box(0, 0, 20, 10), 1.0)), window=2.5)
+    assert coarse.area == pytest.approx(np.full((8, 4), 6.25))

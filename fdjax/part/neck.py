@@ -1,0 +1,104 @@
+"""Where a region is thinner than a road, and how wide it is there."""
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from shapely import Geometry, MultiPolygon, Polygon, STRtree
+
+MITRE = 1.5
+"""Corners of an inset reach no further than this many margins: up to 84 degrees they stay sharp."""
+
+_ROUND = 16
+"""Segments of a quarter circle; a disc of them is smaller by 0.12 %."""
+_SLACK = 0.01
+"""Share of a radius that makes up for that, and below which a width is none."""
+
+
+class Neck(NamedTuple):
+    """A place, mm, where the region is too thin, and its width there, mm."""
+
+    x: float
+    y: float
+    width: float
+
+
+def inset(region: Polygon | MultiPolygon, margin: float) -> list[Polygon]:
+    """The polygons of what is at least `margin` mm inside; none where nothing is.
+
+    Where edges are much shorter than the margin, its offsets cross each other many times; going
+    in by steps that double, from the length of an edge, ends at the same place much sooner.
+    """
+    room, left = region, margin
+    step = region.length / shapely.get_num_coordinates(region)
+    while left > 0 and not room.is_empty:
+        now = left if left < 2 * step else step
+        room = shapely.buffer(room, -now, join_style="mitre", mitre_limit=MITRE)
+        left, step = left - now, 2 * step
+    return [part for part in shapely.get_parts(room) if part.area > 0]
+
+
+def widest(region: Polygon | MultiPolygon) -> Neck:
+    """The middle of the largest disc inside, and that disc's diameter, to 1e-3 of it or better."""
+    x0, y0, x1, y1 = region.bounds
+    # The mean width of a strip of this area and boundary is a fair size of the disc.
+    scale = min(2 * region.area / region.length, x1 - x0, y1 - y0)
+    radius = shapely.maximum_inscribed_circle(region, tolerance=5e-4 * scale)
+    x, y = shapely.get_coordinates(radius)[0].tolist()
+    return Neck(x, y, 2 * radius.length)
+
+
+def necks(polygon: Polygon, width: float) -> Iterator[Neck]:
+    """Where one polygon is too thin for roads of this width, see `fdjax.part.region.Region.necks`.
+
+    What roads cannot reach is the polygon less the discs of a road's width that fit in. Its
+    pieces lie between two walls (a passage), or along one (a corner, or an arm where it is deep).
+    """
+    reach = width / 2
+    parts = inset(polygon, reach)
+    if not parts:
+        yield widest(polygon)
+        return
+    reached = [part.buffer(reach * (1 + _SLACK), quad_segs=_ROUND) for part in parts]
+    yield from _pinches(polygon, reached, reach)
+    opened = shapely.union_all(reached)
+    lost = shapely.get_parts(polygon.difference(opened))
+    lost = lost[shapely.length(lost) > 4 * _SLACK * reach]
+    shapely.prepare(opened)
+    near = opened.buffer(_SLACK * reach)
+    walls = shapely.line_merge(shapely.difference(shapely.boundary(lost), near))
+    for piece, wall in zip(lost, walls, strict=True):
+        sides = shapely.get_parts(wall)
+        if len(sides) > 1:
+            yield _narrowest(sides)
+        elif not _within(opened, piece, width):
+            yield widest(piece)
+
+
+def _pinches(polygon: Polygon, reached: list[Polygon], reach: float) -> Iterator[Neck]:
+    """Passages so short that what is reached from both sides meets in them."""
+    pairs = STRtree(reached).query(reached, predicate="intersects").T if len(reached) > 1 else ()
+    for a, b in pairs:
+        if a < b:
+            meeting = reached[a].intersection(reached[b]).intersection(polygon)
+            for place in shapely.get_parts(meeting):
+                middle = place.centroid
+                clear = polygon.boundary.distance(middle)
+                if clear > _SLACK * reach and polygon.contains(middle):
+                    yield Neck(middle.x, middle.y, 2 * clear)
+
+
+def _narrowest(sides: np.ndarray) -> Neck:
+    """The middle of the shortest way between two of these lines."""
+    ways = [shapely.shortest_line(a, b) for a, b in combinations(sides, 2)]
+    way = min(ways, key=shapely.length)
+    x, y = shapely.get_coordinates(way).mean(0).tolist()
+    return Neck(x, y, way.length)
+
+
+def _within(opened: Geometry, piece: Geometry, width: float) -> bool:
+    """Whether no point of a piece is further than `width` from what roads reach."""
+    points = shapely.points(shapely.get_coordinates(piece))
+    return bool(np.all(shapely.dwithin(opened, points, width)))

@@ -1,0 +1,176 @@
+"""Outlines from text and files: WKT and GeoJSON as rings of points, not yet checked as polygons."""
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import shapely
+from shapely import MultiPolygon, Polygon
+
+from fdjax.errors import InputError
+from fdjax.part.curve import Floats, as_points
+from fdjax.part.ring import at
+
+Rings = list[Any]
+"""Rings of one polygon, the outline first; each as points, shape (n, 2)."""
+
+_WKT = re.compile(
+    r"\s*(?:SRID=\d+;\s*)?(?:MULTI)?(?:POINT|LINESTRING|LINEARRING|POLYGON|GEOMETRYCOLLECTION)"
+    r"\s*(?:ZM|Z|M)?\s*(?:EMPTY|\()",
+    re.IGNORECASE,
+)
+_RING = r"\([^()]*\)"
+_ONE = rf"\(\s*{_RING}(?:\s*,\s*{_RING})*\s*\)"
+_HEAD = r"\s*(?:SRID=\d+;\s*)?{}\s*(?:ZM|Z|M)?\s*"
+_POLYGON = re.compile(_HEAD.format("POLYGON") + rf"({_ONE})\s*", re.IGNORECASE)
+_MULTIPOLYGON = re.compile(
+    _HEAD.format("MULTIPOLYGON") + rf"\(\s*({_ONE}(?:\s*,\s*{_ONE})*)\s*\)\s*", re.IGNORECASE
+)
+
+
+def polygons_in(source: Any) -> tuple[str, list[Rings]]:
+    """How errors name the source, and the rings of each of its polygons.
+
+    `source` is what `fdjax.part.contour.contour` takes, or holds several such polygons. Raises
+    `InputError` for a file or text that cannot be read, a geometry that is no polygon, and a ring
+    of WKT, GeoJSON or a file that does not close.
+    """
+    name = "outline"
+    if isinstance(source, shapely.Geometry):
+        return name, _from_geometry(source, name)
+    if isinstance(source, Mapping):
+        return name, _from_geojson(source, name)
+    if not isinstance(source, str | Path):
+        return name, [[source]]
+    text = source if isinstance(source, str) else ""
+    if not _is_geometry(text):
+        name = f'outline "{_short(source, 250)}"'
+        text = _read(Path(source), name)
+    return name, _from_text(text, name)
+
+
+def named(name: str, number: int, count: int) -> str:
+    """How errors name one of several polygons."""
+    return name if count == 1 else f"{name}, polygon {number}"
+
+
+def _from_geometry(geometry: shapely.Geometry, name: str) -> list[Rings]:
+    if not isinstance(geometry, Polygon | MultiPolygon):
+        raise InputError(
+            f"{name}: a {type(geometry).__name__}; a Polygon or MultiPolygon is needed"
+        )
+    if geometry.is_empty:
+        raise InputError(f"{name}: the polygon is empty")
+    # Coordinates alone: a precision grid of the geometry stays behind.
+    return [
+        [shapely.get_coordinates(ring) for ring in (part.exterior, *part.interiors)]
+        for part in shapely.get_parts(geometry)
+    ]
+
+
+def _is_geometry(text: str) -> bool:
+    return text.lstrip().startswith("{") or _WKT.match(text) is not None
+
+
+def _read(path: Path, name: str) -> str:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        need = "a file with WKT or GeoJSON, or such text, is needed"
+        raise InputError(f"{name}: cannot be read ({error.strerror}); {need}") from None
+    except ValueError:
+        raise InputError(f"{name}: is no text file; WKT or GeoJSON is needed") from None
+    if not _is_geometry(text):
+        raise InputError(f"{name}: holds neither WKT nor GeoJSON (it begins {_short(text)!r})")
+    return text
+
+
+def _from_text(text: str, name: str) -> list[Rings]:
+    if not text.lstrip().startswith("{"):
+        return _from_wkt(text, name)
+    try:
+        document = json.loads(text)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise InputError(f"{name}: is not JSON: {error.msg} at {where}") from None
+    return _from_geojson(document, name)
+
+
+def _from_wkt(text: str, name: str) -> list[Rings]:
+    body = _POLYGON.fullmatch(text) or _MULTIPOLYGON.fullmatch(text)
+    if body is None:
+        raise InputError(
+            f"{name}: {_short(text)!r} is not a WKT POLYGON ((x y, x y, ...)) or MULTIPOLYGON"
+        )
+    polygons = [
+        [
+            [[_number(word, name) for word in position.split()] for position in ring.split(",")]
+            for ring in re.findall(r"\(([^()]*)\)", polygon)
+        ]
+        for polygon in re.findall(_ONE, body[1])
+    ]
+    return _all_closed(polygons, name)
+
+
+def _from_geojson(document: Mapping[str, Any], name: str) -> list[Rings]:
+    return _all_closed(_geojson_polygons(document, name), name)
+
+
+def _geojson_polygons(node: Any, name: str) -> list[Any]:
+    """The coordinates of every polygon in a GeoJSON object (RFC 7946); others are an error."""
+    kind = node.get("type") if isinstance(node, Mapping) else None
+    member = {
+        "Polygon": "coordinates",
+        "MultiPolygon": "coordinates",
+        "Feature": "geometry",
+        "FeatureCollection": "features",
+    }.get(str(kind))
+    if member is None:
+        raise InputError(f"{name}: GeoJSON type {kind!r}; a Polygon is needed")
+    content = node.get(member)
+    if kind == "Feature":
+        return _geojson_polygons(content, name)
+    if not isinstance(content, list):
+        raise InputError(f'{name}: GeoJSON {kind} without a list of "{member}"')
+    if kind == "FeatureCollection":
+        return [polygon for feature in content for polygon in _geojson_polygons(feature, name)]
+    return [content] if kind == "Polygon" else content
+
+
+def _all_closed(polygons: list[Any], name: str) -> list[Rings]:
+    count = len(polygons)
+    return [_closed(rings, named(name, k, count)) for k, rings in enumerate(polygons, 1)]
+
+
+def _closed(rings: Any, name: str) -> list[Floats]:
+    """Rings as arrays (n, 2), each checked to end where it starts."""
+    if not isinstance(rings, list) or not rings:
+        raise InputError(f"{name}: the polygon is empty")
+    arrays = []
+    for k, positions in enumerate(rings):
+        what = f"{name}, hole {k}" if k else name
+        try:
+            xy = as_points([position[:2] for position in positions], what)
+        except (TypeError, KeyError):
+            raise InputError(f"{what}: positions must be lists of two numbers") from None
+        if not (xy[0] == xy[-1]).all():
+            raise InputError(
+                f"{what}: does not close: it starts at {at(xy[0])} and ends at {at(xy[-1])}; "
+                "the last point must repeat the first"
+            )
+        arrays.append(xy)
+    return arrays
+
+
+def _number(word: str, name: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise InputError(f"{name}: {word!r} in the WKT is no number") from None
+
+
+def _short(text: object, most: int = 60) -> str:
+    line = " ".join(str(text).split())
+    return line if len(line) <= most else line[: most - 3] + "..."
