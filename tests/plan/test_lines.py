@@ -8,8 +8,8 @@ from fdjax.plan.check import check
 from fdjax.plan.lines import lay_lines
 from fdjax.plan.room import Room
 from fdjax.plan.toolpath import Build, Layer
-from tests.outlines import OUTLINES
-from tests.plan.isolines import (
+from outlines import OUTLINES
+from isolines import (
     bump,
     conformal,
     graded,

@@ -4,7 +4,7 @@ from shapely import box
 
 from fdjax.plan.lines import lay_lines
 from fdjax.road.stroke import Lines
-from tests.plan.isolines import isolines
+from isolines import isolines
 
 PLATE = box(0, 0, 40, 30)
 
