@@ -51,12 +51,22 @@ class Kind:
     read: Callable[[Any, Place], Any]
 
 
-def key(kind: Kind, meaning: str, *, default: Any = MISSING, shown: str | None = None) -> Any:
+def key(
+    kind: Kind,
+    meaning: str,
+    *,
+    default: Any = MISSING,
+    shown: str | None = None,
+    table: str | None = None,
+) -> Any:
     """A dataclass field that is one key of the job; `default` as it would stand in the file.
 
-    `shown` replaces the default in the table where it is worked out and not fixed.
+    `shown` replaces the default in the table where it is worked out and not fixed. `table` is
+    where a job says it, if that is not the table that the dataclass stands for.
     """
-    metadata = {"kind": kind, "meaning": meaning, "default": default, "shown": shown}
+    metadata = {
+        "kind": kind, "meaning": meaning, "default": default, "shown": shown, "table": table,
+    }  # fmt: skip
     if default is MISSING:
         return field(metadata=metadata)
     value = None if default is None else kind.read(default, Place("default"))

@@ -9,46 +9,54 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from fdjax.limits import Limits
-from fdjax.pattern.base import AbstractPattern, Penalties
+from fdjax.pattern.base import AbstractPattern
+from fdjax.road.deposit import Deposit
 from fdjax.road.window import SoftWindows
 
-jax.tree_util.register_dataclass(SoftWindows, ["size", "start", "area", "target", "total"], [])
+jax.tree_util.register_dataclass(
+    SoftWindows, ["size", "start", "room", "target", "full", "total"], []
+)
 
 MARGIN = 0.01
 """Share of a limit that design keeps away from it."""
 
-
 LEAST_WINDOW = 0.45
-"""Share of a window that must be inside the outline; measuring leaves out less than half."""
+"""Share of a window that must be inside the part; measuring leaves out less than half."""
+
+Term = Callable[[AbstractPattern, Any], Float[Array, "..."]]
+"""Residuals of one's own, in units of porosity, of a pattern and what controls amount to in it."""
 
 
 class Residuals(NamedTuple):
     """Residuals in units of porosity; the objective is half the sum of all squares.
 
-    `error` squares and sums to the area-weighted mean square error of porosity.
+    `error` squares and sums to the mean square error of porosity, weighted by volume; `terms` are
+    what a user adds.
     """
 
     error: Float[Array, " e"]
     roughness: Float[Array, " r"]
-    penalties: Penalties
+    penalties: dict[str, Array]
+    terms: tuple[Array, ...] = ()
 
 
 class Objective(eqx.Module):
     """The design objective of a pattern over controls.
 
     - `windows`: soft windows with their targets, or None to compare the pattern's own cells with
-      `target`, a function (x, y) -> porosity of JAX arrays.
+      `target`, a function (x, y, z) -> porosity of JAX arrays.
     - `limits`: of the machine; `smoothness`: weight of the roughness of the controls;
       `barrier`: weight of broken limits, per share of violation.
+    - `terms`: residuals of one's own, each a function of the pattern and what it realised.
     """
 
     pattern: AbstractPattern
     windows: Any
-    target: Callable[[Array, Array], Array] = eqx.field(static=True)
-    layer_height: float
+    target: Callable[..., Array] = eqx.field(static=True)
     limits: Limits = eqx.field(static=True)
     smoothness: float = 1e-3
     barrier: float = 3.0
+    terms: tuple[Term, ...] = eqx.field(static=True, default=())
 
     def __call__(self, controls: Any) -> tuple[Residuals, Bool[Array, ""]]:
         """Residuals at these controls, and whether the pattern could be made there."""
@@ -58,31 +66,38 @@ class Objective(eqx.Module):
     def residuals(self, realised: Any, controls: Any) -> Residuals:
         """Residuals of what these controls amount to."""
         error = self._cell_error(realised) if self.windows is None else self._error(realised)
-        penalties = self.pattern.penalties(realised, self.limits)
-        broken = Penalties(
-            *(
-                self.barrier * jax.nn.relu(excess + MARGIN) / jnp.sqrt(excess.size)
-                for excess in penalties
-            )
-        )
+        broken = {
+            name: self.barrier * jax.nn.relu(excess + MARGIN) / jnp.sqrt(excess.size)
+            for name, excess in self.pattern.penalties(realised, self.limits).items()
+        }
         roughness = self.smoothness * self.pattern.roughness(controls)
-        return Residuals(error, roughness, broken)
+        terms = tuple(jnp.ravel(term(self.pattern, realised)) for term in self.terms)
+        return Residuals(error, roughness, broken, terms)
 
     def _error(self, realised: Any) -> Float[Array, " e"]:
-        windows, (xy, volume) = self.windows, self.pattern.deposit(realised)
-        # XLA finishes what a condition takes, and would else work out each point again for each
-        # of the four cells it is shared among.
-        sums = jax.lax.cond(
-            volume[0] < jnp.inf, windows.sums, lambda *_: jnp.zeros_like(windows.area), xy, volume
+        windows: SoftWindows = self.windows
+        deposit = self.pattern.deposit(realised)
+        got = self._sums(windows, deposit)
+        used = windows.room > LEAST_WINDOW * windows.full
+        room = jnp.where(used, windows.room, 1.0)
+        share = jnp.where(used, windows.room, 0.0)
+        error = jnp.sqrt(share / share.sum()) * (got / room - windows.target)
+        # Windows at walls count less than their share of the whole.
+        whole = (deposit.volume.sum() - windows.total) / (windows.room.sum() / 4)
+        return jnp.append(error.ravel(), whole)
+
+    @staticmethod
+    def _sums(windows: SoftWindows, deposit: Deposit) -> Array:
+        # A branch is a wall to XLA's fusion, which would else work out each point again for each
+        # of the cells it is shared among.
+        return jax.lax.cond(
+            deposit.volume.ravel()[0] < jnp.inf,
+            windows.sums,
+            lambda _: jnp.zeros_like(windows.room),
+            deposit,
         )
-        got = sums / self.layer_height
-        used = windows.area > LEAST_WINDOW * windows.size**2
-        area = jnp.where(used, windows.area, 1.0)
-        share = jnp.where(used, windows.area, 0.0)
-        difference = got / area - windows.target
-        return (jnp.sqrt(share / share.sum()) * difference).ravel()
 
     def _cell_error(self, realised: Any) -> Float[Array, " e"]:
-        xy, local, area = self.pattern.cells(realised)
-        weight = jnp.sqrt(jnp.abs(area) / jnp.abs(area).sum())
-        return (weight * (local - self.target(xy[..., 0], xy[..., 1]))).ravel()
+        xyz, local, volume = self.pattern.cells(realised)
+        weight = jnp.sqrt(jnp.abs(volume) / jnp.abs(volume).sum())
+        return (weight * (local - self.target(*xyz.T))).ravel()

@@ -1,49 +1,29 @@
-"""What a pattern is: roads, and a porosity that can be differentiated, from a set of controls.
+"""What a pattern is: strokes, and a deposit that can be differentiated, from a set of controls.
 
-Adding a pattern is one new file and one line in the table `PATTERNS` of `fdjax.pattern`.
+A pattern is one file: the settings that a job may give, with the pattern that they begin, and one
+line in the table `PATTERNS` of `fdjax.pattern`.
 """
 
 from abc import abstractmethod
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import equinox as eqx
-import numpy as np
 from jaxtyping import Array, Float
-from numpy.typing import NDArray
 
 from fdjax.limits import Limits
-from fdjax.road.porosity import Deposit
+from fdjax.part.part import Part
+from fdjax.road.deposit import Deposit
+from fdjax.road.stroke import Lines
+from fdjax.target.target import Target
 
-
-class Penalties(NamedTuple):
-    """By how much a pattern leaves what is allowed, as shares; zero or less is within.
-
-    - `fold`: J below its floor; `skew`: lines that meet at too sharp an angle; `spacing`: roads of
-      one family too close; `span`: unsupported spans too long; `length`: lines too short.
-    """
-
-    fold: Float[Array, " n"]
-    skew: Float[Array, " n"]
-    spacing: Float[Array, " n"]
-    span: Float[Array, " n"]
-    length: Float[Array, " n"]
-
-
-class Lines(NamedTuple):
-    """One family's lines on one layer, from wall to wall, as the plan takes them.
-
-    - `family`, `parity`: as in `road.stacking.Scan`.
-    - `xy`: shape (lines, points, 2), mm; `width`: shape (lines, points - 1), mm.
-    """
-
-    family: str
-    parity: int
-    xy: NDArray[np.float64]
-    width: NDArray[np.float64]
+Penalties = dict[str, Array]
+"""By how much a pattern leaves what is allowed, as shares, by kind of limit; zero or less is
+within. One value for each place looked at."""
 
 
 class AbstractPattern(eqx.Module):
-    """A way to fill a layer domain. `controls` are the pattern's own pytree of real arrays.
+    """A way to fill a part. `controls` are the pattern's own pytree of real arrays.
 
     `realise` turns controls into what the questions below are asked of, a pytree of the pattern's
     own with a boolean `made`: whether the pattern could be made there.
@@ -54,15 +34,19 @@ class AbstractPattern(eqx.Module):
         """The controls to start from."""
 
     @abstractmethod
+    def at(self, controls: Any) -> "AbstractPattern":
+        """The same pattern, starting from these controls."""
+
+    @abstractmethod
     def realise(self, controls: Any) -> Any: ...
 
     @abstractmethod
     def deposit(self, realised: Any) -> Deposit:
-        """Where the material goes, a layer's mean."""
+        """Where the material of all layers goes."""
 
     @abstractmethod
     def cells(self, realised: Any) -> tuple[Array, Array, Array]:
-        """Points xy (..., 2), local porosity (...) and area (...) of the pattern's own cells."""
+        """Points xyz (n, 3), mm, local porosity (n,) and volume (n,) of the pattern's own cells."""
 
     @abstractmethod
     def penalties(self, realised: Any, limits: Limits) -> Penalties: ...
@@ -72,5 +56,43 @@ class AbstractPattern(eqx.Module):
         """Differences of neighbouring controls, to be kept small."""
 
     @abstractmethod
-    def lines(self, controls: Any) -> list[list[Lines]]:
-        """The lines of each layer, from the bed upwards."""
+    def widths(self, realised: Any) -> tuple[Array, Array]:
+        """Least and largest road width, mm."""
+
+    @abstractmethod
+    def strokes(self, controls: Any) -> Iterator[Sequence[Lines]]:
+        """What is to be laid on each layer, from the bed upwards."""
+
+    @abstractmethod
+    def facts(self, controls: Any) -> dict[str, Any]:
+        """What a report says of the pattern, by name: numbers, words, and lists of these."""
+
+    def scale(self, step: Any) -> Any:
+        """Controls as an optimiser steps through them: what a step of these amounts to.
+
+        Linear. A pattern whose controls are many rescales them so that all matter alike.
+        """
+        return step
+
+    def counted(self, asked: float, laid: float) -> "AbstractPattern":
+        """The pattern with as many lines as bring what is laid nearest to what is asked, mm^3.
+
+        `laid` is what a plan of the pattern at its own controls was seen to hold.
+        """
+        return self
+
+
+class AbstractSettings:
+    """What a user says of a pattern, as a frozen dataclass whose fields are keys of a job."""
+
+    @abstractmethod
+    def begin(self, part: Part, target: Target, limits: Limits, window: float) -> AbstractPattern:
+        """The pattern before any design, for windows of side `window`, mm.
+
+        Raises `InputError` where part, target and settings do not go together.
+        """
+
+    @property
+    def cells_first(self) -> bool:
+        """Whether a design meets the pattern's own cells before windows."""
+        return False

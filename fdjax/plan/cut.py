@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Point, contains_xy, linestrings
 
-from fdjax.plan.room import PRESS, Sides, Walls
+from fdjax.plan.room import Sides, Walls
 from fdjax.plan.wall import Wall
 
 Floats = NDArray[np.float64]
@@ -54,12 +54,12 @@ def cut_lines(lines: Sequence[Floats], widths: Sequence[Floats], walls: Walls) -
     by line, each the way its line runs. A line whose last point is its first is closed: no piece
     ends there.
 
-    A stretch that leaves the free region by less than `PRESS` road widths and runs along the wall
+    A stretch that leaves the free region by less than `walls.press` road widths and runs along the wall
     (the first and last lines of a family do, give or take rounding) is replaced by the wall
     itself, so that it neither breaks into fragments nor comes closer to the outline than half a
     road; a stretch that crosses the wall ends there.
     """
-    slack = PRESS * walls.road_width
+    slack = walls.press * walls.road_width
     family = _Family.of(lines, widths)
     breaks = _Breaks.of(family, walls.sides, len(walls.rings))
     middle = family.point((breaks.at[1:] + breaks.at[:-1]) / 2)

@@ -14,35 +14,35 @@ from fdjax.plan.wall import Wall, free_region, rings
 
 Floats = NDArray[np.float64]
 
-PRESS = 0.25
-"""A line beyond the free region by less than this share of the road width is pressed back on it."""
-
-
 @dataclass(frozen=True, eq=False)
 class Walls:
     """The rings that centre lines of roads up to one width may reach but not cross.
 
     - `road_width`: the largest, mm.
+    - `press`: a line beyond the free region by less than this share of the width is pressed back.
     - `free`: where centre lines may lie; `near`: the same and what is pressed back onto it.
     - `rings`: those of `free`; `outer`: those of `near`.
     """
 
     road_width: float
+    press: float
     free: Polygon | MultiPolygon
     near: Polygon | MultiPolygon
     rings: tuple[Wall, ...]
     outer: tuple[Wall, ...]
 
     @classmethod
-    def of(cls, geometry: Polygon | MultiPolygon, road_width: float, tolerance: float) -> "Walls":
+    def of(
+        cls, geometry: Polygon | MultiPolygon, road_width: float, press: float, tolerance: float
+    ) -> "Walls":
         regions = [
             _simple(free_region(geometry, share * road_width), tolerance)
-            for share in (0.5, 0.5 - PRESS)
+            for share in (0.5, 0.5 - press)
         ]
         walls = [tuple(Wall.of(ring) for ring in rings(region)) for region in regions]
         for region in regions:
             shapely.prepare(region)
-        return cls(road_width, *regions, *walls)
+        return cls(road_width, press, *regions, *walls)
 
     @cached_property
     def sides(self) -> "Sides":
@@ -84,7 +84,7 @@ class Room:
 
     geometry: Polygon | MultiPolygon
     tolerance: float = 0.0
-    _made: dict[float, Walls] = field(default_factory=dict, repr=False)
+    _made: dict[tuple[float, float], Walls] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, source: object, *, clearance: float = 0.0, tolerance: float = 0.0) -> "Room":
@@ -102,11 +102,12 @@ class Room:
             raise InputError(f"outline: nothing is left when shrunk by {clearance:g} mm")
         return cls(room, tolerance)
 
-    def walls(self, road_width: float) -> Walls:
+    def walls(self, road_width: float, press: float = 0.0) -> Walls:
         """The walls for roads up to this width, mm. Raises `InputError` where none fits."""
-        if road_width not in self._made:
-            self._made[road_width] = Walls.of(self.geometry, road_width, self.tolerance)
-        return self._made[road_width]
+        key = road_width, press
+        if key not in self._made:
+            self._made[key] = Walls.of(self.geometry, road_width, press, self.tolerance)
+        return self._made[key]
 
 
 def _simple(region: Polygon | MultiPolygon, tolerance: float) -> Polygon | MultiPolygon:

@@ -22,6 +22,8 @@ class Lines:
       levels lie on the left of each.
     - `xy`: each polyline, shape (points, 2), mm; `width`: of each segment, shape (points - 1,), mm.
     - `material`: number of the material or tool.
+    - `press`: a line beyond the walls by less than this share of the road width is pressed back,
+      for lines that run along a wall but for rounding.
     """
 
     family: str
@@ -30,3 +32,4 @@ class Lines:
     xy: Sequence[Floats]
     width: Sequence[Floats]
     material: int = 0
+    press: float = 0.02

@@ -1,0 +1,487 @@
+"""Isolines as roads: two functions of the place, the roads of each family where one is whole.
+
+By the coarea formula (Federer 1959, 3.2.12) the length of centre line an area, averaged over the
+phase, is |grad xi|: nothing has to be traced to know where the material goes.
+"""
+# ruff: noqa: RUF009 - `key` gives a dataclass field
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from fdjax.errors import InputError
+from fdjax.field.isolines import isolines
+from fdjax.field.poisson import Poisson
+from fdjax.field.spline import Axis, product
+from fdjax.keys import LENGTH, choice, choices, key, number, pair, whole
+from fdjax.limits import Limits
+from fdjax.part.part import Part
+from fdjax.pattern.base import AbstractPattern, AbstractSettings, Penalties
+from fdjax.pattern.reach import check_reachable
+from fdjax.pattern.straight import profiles
+from fdjax.pattern.width import free_of, within
+from fdjax.road.bead import section_area
+from fdjax.road.deposit import Raster
+from fdjax.road.room import Room
+from fdjax.road.stacking import FAMILIES, MODES, Scan, Stacking
+from fdjax.road.stroke import Lines
+from fdjax.target.target import Target
+
+jax.tree_util.register_static(Axis)
+
+CELLS = 6
+"""Cells to a window's side at which design looks."""
+
+KNOTS = 0.72
+"""Distance of the knots as a share of a window's side: lines cannot crowd faster than a knot."""
+
+SKEW = 0.8
+"""Largest |cos| of the angle between the families."""
+
+LONGEST_JOIN = 25.0
+"""Lines that end on a wall further from each other are not joined along it, mm (`plan.lines`)."""
+
+_TIGHT = 0.05
+"""Between places looked at, lines of one phase come this share closer."""
+
+_SMOOTH = 3.5
+"""A third derivative of one line over this length cubed, mm, is a roughness of one."""
+
+_STEP = 5.0
+"""Waves shorter than 2 pi times this, mm, are held back in the steps of a design."""
+
+_FINE = 14
+"""Places between knots at which lines are traced."""
+
+
+@dataclass(frozen=True)
+class Isolines(AbstractSettings):
+    """Isolines of two splines over a part, for any outline and target.
+
+    Lengths in mm. See the job's keys for what each value means.
+    """
+
+    angle: float = key(
+        number(-360, 360), "degrees from the x axis across the first lines, to begin with",
+        default=0.0,
+    )  # fmt: skip
+    mode: str = key(
+        choice(*MODES),
+        "families on alternate layers or both on each; staggered from layer to layer or not",
+        default="alternate-staggered",
+    )
+    phases: int = key(
+        whole(2, 100), "staggered: layers of a family over which its lines are shifted", default=5
+    )
+    road_width: float = key(LENGTH, "road width, or where the design starts", default="0.4mm")
+    knots: tuple[int, int] | None = key(
+        pair(whole(6, 400)), "spline coefficients along x and y", default=None,
+        shown="by window", table="design",
+    )  # fmt: skip
+    field_knots: tuple[int, int] = key(
+        pair(whole(4, 64)), "spline coefficients of a width field along x and y", default=[8, 8],
+        table="design",
+    )  # fmt: skip
+    controls: tuple[str, ...] = key(
+        choices("coefficients", "p", "q", "width", "width_field"),
+        "what the design may change: both functions' coefficients, or P and Q of eq. (5)",
+        default=["coefficients"], table="design",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if not np.isfinite(self.angle):
+            raise InputError(f"angle: {self.angle} is not finite")
+        if "width" in self.controls and "width_field" in self.controls:
+            raise InputError("controls: width and width_field exclude each other")
+        if not {"coefficients", "p", "q"} & set(self.controls):
+            raise InputError('controls: one of "coefficients", "p", "q" is needed')
+
+    def begin(self, part: Part, target: Target, limits: Limits, window: float) -> "IsolinePattern":
+        """Straight lines at `angle`, as dense across as the target asks.
+
+        Raises `InputError` for a target beyond what spacing and span allow, and for a region with
+        no room for a road.
+        """
+        stacking = Stacking(
+            self.mode, self.phases if self.mode.endswith("staggered") else 1, len(part.slabs)
+        )
+        flat = len(part.regions) == 1 and not target.varies_in_z
+        free = bool({"width", "width_field"} & set(self.controls))
+        widths = limits.road_width if free and limits.road_width[1] < np.inf else None
+        low, high = widths or (self.road_width, self.road_width)
+        margins = np.array([self.road_width / 2])
+        if widths is not None:
+            margins = np.unique([low / 2, (low + high) / 4, high / 2])
+        room = Room.of(part, margins, side=window / CELLS, thickness=window / CELLS, flat=flat)
+        axes = self._axes(part, window, flat)
+        shares = stacking.layer_share(FAMILIES[0]), stacking.layer_share(FAMILIES[1])
+        xyz, weight, solid = _asked(room, target)
+        height = float(np.average(room.height, weights=room.layers))
+        check_reachable(
+            solid, xyz, height=height, shares=sum(shares), widths=(low, high), limits=limits
+        )
+        size = max(axes[0].high - axes[0].low, axes[1].high - axes[1].low)
+        bounds = 1 / min(limits.longest_span, size / 3), 1 / (limits.least_spacing or self.road_width)
+        area = float(section_area(self.road_width, height))
+        first = _straight(
+            axes,
+            profiles(
+                xyz[:, 0], xyz[:, 1], weight, solid * height / area,
+                angle=np.radians(self.angle), shares=shares, bounds=bounds,
+            ),
+        )  # fmt: skip
+        sources = "p" in self.controls, "q" in self.controls
+        poisson = Poisson.over(axes[0], axes[1]) if any(sources) else None
+        xi, eta = (
+            poisson.data(each) if poisson is not None and source else each
+            for each, source in zip(first, sources, strict=True)
+        )
+        width = None
+        if widths is not None:
+            middle = free_of(self.road_width, low, high)
+            width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
+        return IsolinePattern(
+            first=Controls(*(None if each is None else jnp.asarray(each) for each in (xi, eta, width))),
+            axes=axes,
+            lattice=Lattice.of(axes, room),
+            room=jax.tree.map(jnp.asarray, room),
+            poisson=None if poisson is None else jax.tree.map(jnp.asarray, poisson),
+            waves=tuple(_waves(axis) for axis in axes),
+            width=self.road_width,
+            width_range=(low, high),
+            reach=1 / bounds[0],
+            heights=tuple((float(z), slab.height) for z, slab in zip(part.middles, part.slabs, strict=True)),
+            stacking=stacking,
+            sources=sources,
+        )
+
+    def _axes(self, part: Part, window: float, flat: bool) -> tuple[Axis, Axis, Axis]:
+        x0, y0, x1, y1 = part.bounds
+        box = (x0, x1), (y0, y1), (0.0, part.height)
+        knots = self.knots or tuple(_knots(b - a, KNOTS * window) for a, b in box[:2])
+        along_z = 1 if flat else _knots(part.height, window)
+        return (
+            Axis(*box[0], knots[0]),
+            Axis(*box[1], knots[1]),
+            Axis(*box[2], along_z),
+        )
+
+
+def _knots(length: float, step: float) -> int:
+    return int(np.clip(np.ceil(length / step), 3, 200)) + 3
+
+
+class Controls(eqx.Module):
+    """The real numbers that shape the lines.
+
+    - `xi`, `eta`: spline coefficients of the two functions, shape (K, L, M); where P or Q is
+      controlled, the data of `field.poisson.Poisson` instead.
+    - `width`: road width as the free number of `width.within`, shape () or, as a spline over the
+      box, (K', L'); None where it is given.
+    """
+
+    xi: Float[Array, "K L M"]
+    eta: Float[Array, "K L M"]
+    width: Float[Array, "..."] | None = None
+
+
+class Lattice(NamedTuple):
+    """The bases of the splines at the places where design looks, by axis, and their slopes."""
+
+    x: Float[Array, "n K"]
+    y: Float[Array, "m L"]
+    z: Float[Array, "p M"]
+    slope_x: Float[Array, "n K"]
+    slope_y: Float[Array, "m L"]
+
+    @classmethod
+    def of(cls, axes: tuple[Axis, Axis, Axis], room: Room) -> "Lattice":
+        x, y, z = axes
+        bases = (x.basis(room.x), y.basis(room.y), z.basis(room.z))
+        return cls(*map(jnp.asarray, (*bases, x.basis(room.x, 1), y.basis(room.y, 1))))
+
+    def gradient(self, coefficients: Float[Array, "K L M"]) -> tuple[Array, Array]:
+        """Slopes along x and along y on the lattice, (n, m, p), 1/mm."""
+        along_x = product(coefficients, self.slope_x, self.y, self.z)
+        return along_x, product(coefficients, self.x, self.slope_y, self.z)
+
+
+class Realised(NamedTuple):
+    """What controls amount to: both functions' coefficients and, on the lattice, gradients,
+    densities |grad| (1/mm) and road width (mm), shapes that broadcast to (n, m, p).
+    """
+
+    coefficients: tuple[Array, Array]
+    gradient: tuple[tuple[Array, Array], tuple[Array, Array]]
+    density: tuple[Array, Array]
+    width: Array
+    made: Bool[Array, ""]
+
+
+class IsolinePattern(AbstractPattern):
+    """The roads of a family lie where its function is k + phase, k whole.
+
+    - `first`: the controls to start from.
+    - `axes`: of the splines along x, y and z; `lattice`: their bases where design looks.
+    - `room`: for centre lines.
+    - `poisson`: solves for a function whose Laplacian is controlled; `sources`: which are.
+    - `waves`: of each axis, by which steps are scaled.
+    - `width`: road width, mm, where it is not a control; `width_range`: what it may be.
+    - `reach`: longest span of a road over the lines of the other family, mm.
+    - `heights`: middle and height of each layer, mm.
+    """
+
+    first: Controls
+    lattice: Lattice
+    room: Room
+    poisson: Poisson | None
+    waves: tuple[tuple[Array, Array], ...]
+    width: float
+    width_range: tuple[float, float]
+    reach: float
+    axes: tuple[Axis, Axis, Axis] = eqx.field(static=True)
+    heights: tuple[tuple[float, float], ...] = eqx.field(static=True)
+    stacking: Stacking = eqx.field(static=True)
+    sources: tuple[bool, bool] = eqx.field(static=True)
+
+    def controls(self) -> Controls:
+        return self.first
+
+    def at(self, controls: Controls) -> "IsolinePattern":
+        return eqx.tree_at(lambda p: p.first, self, controls)
+
+    def realise(self, controls: Controls) -> Realised:
+        xi, eta = self.coefficients(controls)
+        gradient = self.lattice.gradient(xi), self.lattice.gradient(eta)
+        density = tuple(jnp.sqrt(a * a + b * b + _FLAT**2) for a, b in gradient)
+        width = self.width_at(controls, self.room.x, self.room.y)
+        made = jnp.isfinite(density[0].sum() + density[1].sum())
+        return Realised((xi, eta), gradient, (density[0], density[1]), width, made)
+
+    def coefficients(self, controls: Controls) -> tuple[Array, Array]:
+        """Spline coefficients of both functions; where P or Q is controlled, (5) is solved."""
+        xi, eta = controls.xi, controls.eta
+        if self.poisson is not None:
+            xi = self.poisson.coefficients(xi) if self.sources[0] else xi
+            eta = self.poisson.coefficients(eta) if self.sources[1] else eta
+        return xi, eta
+
+    def width_at(self, controls: Controls, x: Any, y: Any) -> Array:
+        """Road width, mm, on a lattice (n, m, 1), or one for all (1, 1, 1)."""
+        if controls.width is None:
+            return jnp.full((1, 1, 1), self.width)
+        low, high = self.width_range
+        if controls.width.ndim == 0:
+            return within(controls.width, low, high).reshape(1, 1, 1)
+        bases = [
+            jnp.asarray(Axis(axis.low, axis.high, count).basis(np.asarray(places)))
+            for axis, count, places in zip(self.axes[:2], controls.width.shape, (x, y), strict=True)
+        ]
+        return within(bases[0] @ controls.width @ bases[1].T, low, high)[..., None]
+
+    def deposit(self, realised: Realised) -> Raster:
+        """Lines by |grad| over the room for centre lines, and turn-arounds along its walls.
+
+        Where a family runs into a wall the path turns along it between every second pair of
+        neighbours, so half of the wall is covered; where it runs along the wall nothing is.
+        """
+        room, width = self.room, realised.width
+        area = room.area_at(width / 2)
+        i, j, k = room.cell.T
+        length = jnp.sqrt((room.along**2).sum(1))
+        lines, turns = 0.0, 0.0
+        for family, (gx, gy), density in zip(
+            FAMILIES, realised.gradient, realised.density, strict=True
+        ):
+            share = self.stacking.layer_share(family)
+            lines = lines + share * density
+            ends = jnp.abs(gx[i, j, k] * room.along[:, 0] + gy[i, j, k] * room.along[:, 1]) / length
+            turns = turns + share / 2 * length * jax.nn.sigmoid(12 * (LONGEST_JOIN * ends - 1))
+        run = (lines * area).at[i, j, k].add(turns)
+        volume = run * section_area(width, room.height) * room.layers
+        return Raster(room.x, room.y, room.z, volume)
+
+    def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
+        room = self.room
+        shares = [self.stacking.layer_share(family) for family in FAMILIES]
+        run = sum(share * each for share, each in zip(shares, realised.density, strict=True))
+        solid = run * section_area(realised.width, room.height) / room.height
+        volume = room.area_at(realised.width / 2) * room.height * room.layers
+        points, volumes = Raster(room.x, room.y, room.z, volume).points
+        return points, 1 - solid.reshape(-1), volumes
+
+    def penalties(self, realised: Realised, limits: Limits) -> Penalties:
+        (ax, ay), (bx, by) = realised.gradient
+        first, second = realised.density
+        # Away from the room lines may do as they like.
+        inside = self.room.area[0] > 0
+        least = limits.least_spacing or realised.width
+        across = jnp.abs(ax * by - ay * bx)
+        kinds = {
+            "skew": [jnp.abs(ax * bx + ay * by) / (first * second) / SKEW - 1],
+            "spacing": [each * (1 + _TIGHT) * least - 1 for each in (first, second)],
+            # The lines of one family are bridges between those of the other.
+            "span": [1 - self.reach * across / other for other in (first, second)],
+        }
+        count = inside.sum() / inside.size
+        return {
+            name: jnp.stack([jnp.where(inside, one, -1.0) for one in some]).ravel() / jnp.sqrt(count)
+            for name, some in kinds.items()
+        }
+
+    def roughness(self, controls: Controls) -> Float[Array, " n"]:
+        pieces = []
+        for source, values in zip(self.sources, (controls.xi, controls.eta), strict=True):
+            order = 1 if source else 3
+            weight = _SMOOTH**2 * (self.axes[0].step * self.axes[1].step if source else 1)
+            for axis, along in enumerate(self.axes):
+                if values.shape[axis] > 1:
+                    step = self.axes[0].step * self.axes[1].step
+                    pieces.append(weight / step * jnp.diff(values, order, axis=axis).ravel())
+        if controls.width is not None and controls.width.ndim:
+            for axis in (0, 1):
+                change = jnp.diff(controls.width, 2, axis=axis).ravel()
+                pieces.append(change / np.sqrt(controls.width.size))
+        return jnp.concatenate(pieces)
+
+    def scale(self, step: Controls) -> Controls:
+        def functions(values: Array, source: bool) -> Array:
+            if source:
+                inner = values.at[1:-1, 1:-1].divide(_STEP**2)
+                return inner
+            return _smoothed(values, self.waves)
+
+        return Controls(
+            functions(step.xi, self.sources[0]),
+            functions(step.eta, self.sources[1]),
+            step.width,
+        )
+
+    def widths(self, realised: Realised) -> tuple[Array, Array]:
+        return realised.width.min(), realised.width.max()
+
+    def strokes(self, controls: Controls) -> Iterator[Sequence[Lines]]:
+        xi, eta = (np.asarray(each) for each in self.coefficients(controls))
+        places = [_between_knots(axis) for axis in self.axes[:2]]
+        bases = [axis.basis(at) for axis, at in zip(self.axes, places, strict=False)]
+        width = np.asarray(self.width_at(controls, *places))
+        flat = self.axes[2].count == 1
+        made: dict[tuple[Scan, float], Lines] = {}
+        for (z, _), scans in zip(self.heights, self.stacking.scans, strict=True):
+            layer = []
+            for scan in scans:
+                at = scan, 0.0 if flat else z
+                if at not in made:
+                    function = (xi, eta)[FAMILIES.index(scan.family)]
+                    values = product(function, *bases, self.axes[2].basis(np.array([z])))[..., 0]
+                    made[at] = _lines(places, values, width[..., 0], scan)
+                layer.append(made[at])
+            yield layer
+
+    def facts(self, controls: Controls) -> dict[str, Any]:
+        """Lines, knots, spacings, and the P = lap(xi) and Q = lap(eta) of eq. (5) inside."""
+        realised = self.realise(controls)
+        inside = np.asarray(self.room.area[0] > 0)
+        sources = {
+            name: np.asarray(values)[inside]
+            for name, values in zip(("p", "q"), self.laplacians(controls), strict=True)
+        }
+        density = [np.asarray(each)[inside] for each in realised.density]
+        spacing = {f: [float(1 / d.max()), float(1 / d.min())] for f, d in zip(FAMILIES, density, strict=True)}
+        return {
+            "kind": "isolines",
+            "coefficients": [axis.count for axis in self.axes],
+            "knot_distance": [axis.step for axis in self.axes[:2]],
+            "phases": self.stacking.phases,
+            "spacing": spacing,
+            "laplacians": {name: [float(v.min()), float(v.max())] for name, v in sources.items()},
+            "warnings": self._warnings(max(each[0] for each in spacing.values())),
+        }
+
+    def laplacians(self, controls: Controls) -> tuple[Array, Array]:
+        """P = lap(xi) and Q = lap(eta) where design looks, (n, m, p), 1/mm^2."""
+        bend_x = jnp.asarray(self.axes[0].basis(np.asarray(self.room.x), 2))
+        bend_y = jnp.asarray(self.axes[1].basis(np.asarray(self.room.y), 2))
+        x, y, z = self.lattice[:3]
+        xi, eta = (
+            product(each, bend_x, y, z) + product(each, x, bend_y, z)
+            for each in self.coefficients(controls)
+        )
+        return xi, eta
+
+    def _warnings(self, densest: float) -> list[str]:
+        step = min(axis.step for axis in self.axes[:2])
+        if step < densest:
+            return [
+                f"knots: {step:.3g} mm apart, finer than the roads' spacing of {densest:.3g} mm "
+                "where it is least; the lines cannot show what such knots say"
+            ]
+        return []
+
+
+_FLAT = 1e-6
+"""A density, 1/mm, far below any that matters: |grad| has no slope where the gradient is 0."""
+
+
+def _asked(room: Room, target: Target) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places in the room, (n, 3), their volumes and the solid share asked there."""
+    volume = room.area[len(room.margin) // 2] * room.height * room.layers
+    points, volumes = Raster(room.x, room.y, room.z, volume).points
+    kept = volumes > 0
+    xyz = points[kept]
+    return xyz, volumes[kept], np.asarray(target.solid(*xyz.T))
+
+
+def _straight(axes: tuple[Axis, Axis, Axis], both: Any) -> list[np.ndarray]:
+    """Coefficients (K, L, M) of straight lines, alike at all heights."""
+    places = [np.linspace(axis.low, axis.high, 4 * axis.count) for axis in axes[:2]]
+    x, y = np.meshgrid(*places, indexing="ij")
+    fit = [axis.fit(at) for axis, at in zip(axes, places, strict=False)]
+    return [
+        np.repeat((fit[0] @ each.count(x, y) @ fit[1].T)[..., None], axes[2].count, 2)
+        for each in both
+    ]
+
+
+def _waves(axis: Axis) -> tuple[Array, Array]:
+    """Waves of an axis's coefficients, and their squared wave numbers times `_STEP`, squared."""
+    bend = np.diff(np.eye(axis.count), axis=0)
+    rates, waves = np.linalg.eigh(bend.T @ bend)
+    return jnp.asarray(waves), jnp.asarray(np.maximum(rates, 0) * (_STEP / axis.step) ** 2)
+
+
+def _smoothed(values: Array, waves: tuple[tuple[Array, Array], ...]) -> Array:
+    """Each wave divided by one more than its squared wave number."""
+    (x, of_x), (y, of_y), (z, of_z) = waves
+    parts = product(values, x.T, y.T, z.T)
+    parts = parts / (1 + of_x[:, None, None] + of_y[:, None] + of_z)
+    return product(parts, x, y, z)
+
+
+def _between_knots(axis: Axis) -> np.ndarray:
+    count = int(np.clip(_FINE * (axis.count - 3), 64, 1600)) + 1
+    return np.linspace(axis.low, axis.high, count)
+
+
+def _lines(places: list[np.ndarray], values: np.ndarray, width: np.ndarray, scan: Scan) -> Lines:
+    level, xy = isolines(places[0], places[1], values, (scan.phase + 0.5) / scan.phases)
+    if width.size == 1:
+        widths = [np.full(len(line) - 1, float(width[0, 0])) for line in xy]
+    else:
+        widths = [_sampled(places, width, (line[1:] + line[:-1]) / 2) for line in xy]
+    return Lines(scan.family, scan.parity, level, xy, widths)
+
+
+def _sampled(places: list[np.ndarray], values: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Values of a fine lattice at the nearest of its places, (n,)."""
+    index = [
+        np.clip(np.round((xy[:, k] - at[0]) / (at[1] - at[0])).astype(int), 0, len(at) - 1)
+        for k, at in enumerate(places)
+    ]
+    return values[index[0], index[1]]

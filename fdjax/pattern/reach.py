@@ -1,0 +1,48 @@
+"""Whether a porosity can be had at all from lines between a least spacing and a longest span."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdjax.errors import InputError
+from fdjax.limits import Limits
+from fdjax.road.bead import section_area
+
+Floats = NDArray[np.float64]
+
+
+def check_reachable(
+    solid: Floats,
+    xyz: Floats,
+    *,
+    height: float,
+    shares: float,
+    widths: tuple[float, float],
+    limits: Limits,
+) -> None:
+    """Raise `InputError`, with the place, where the solid share asked is beyond what lines give.
+
+    - `solid`: asked at the points `xyz` (n, 3), mm.
+    - `shares`: sum of the families' shares of the layers; `widths`: least and largest, mm.
+    """
+    narrow, wide = widths
+    highest = float(section_area(wide, height)) / height * shares / (limits.least_spacing or wide)
+    lowest = float(section_area(narrow, height)) / height * shares / limits.longest_span
+    for at in (int(np.argmax(solid)), int(np.argmin(solid))):
+        value = float(solid[at])
+        if not lowest <= value <= highest:
+            raise InputError(
+                f"target: porosity {1 - value:.3f} is asked at {_place(xyz[at])}, but roads "
+                f"{_range(widths)} mm wide can give {1 - highest:.3f} to {1 - lowest:.3f} on this "
+                "machine; change the target, the road width or the layer height"
+            )
+
+
+def _place(xyz: Any) -> str:
+    return f"({xyz[0]:.4g}, {xyz[1]:.4g}, {xyz[2]:.4g}) mm"
+
+
+def _range(widths: tuple[float, float]) -> str:
+    low, high = widths
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
