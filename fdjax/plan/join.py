@@ -233,7 +233,7 @@ class _Finder:
         return np.where(low < high, shapely.linestrings(parts), None)
 
     def _cuts(self, ways: list[Way], lines: NDArray[np.object_]) -> Floats:
-        """By how much each way's two pieces are to end early, (n, 2); infinite where they cannot."""
+        """By how much each way's two pieces are to end early, (n, 2); infinite where not."""
         width = self.walls.road_width
         ends = np.array([way.ends for way in ways])
         course = self.courses[ends // 2]
