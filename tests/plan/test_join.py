@@ -86,7 +86,7 @@ def test_every_piece_is_laid_once_without_crossing(count, points, bend, noise, h
     whole = shapely.union_all([LineString(road.path) for road in roads])
     along = shapely.union_all([LineString(piece.xy) for piece in pieces])
     # Lines end early only where a join would run back along them at a small angle.
-    assert along.difference(whole.buffer(1e-6)).length < 0.004 * along.length
+    assert along.difference(whole.buffer(1e-6)).length < 0.02 * along.length
     # What is laid beside the pieces lies on the walls, or leads to them from there.
     rings = shapely.union_all([LineString(wall.xy) for wall in walls.rings])
     joins = whole.difference(along.buffer(1e-6))
