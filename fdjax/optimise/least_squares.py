@@ -1,4 +1,9 @@
-"""Moving the controls until the porosity is met: Levenberg-Marquardt, step by step."""
+"""Moving the controls until the porosity is met: least squares, step by step.
+
+Few controls are moved by Levenberg and Marquardt's method with a condensed Jacobian. With many no
+Jacobian is formed: each step solves the linearised problem by conjugate gradients, with products
+of the linearised residuals and of their transpose.
+"""
 
 import time
 from collections.abc import Callable
@@ -7,6 +12,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import lineax as lx
 import numpy as np
 import optimistix as optx
 from jax.flatten_util import ravel_pytree
@@ -14,6 +20,9 @@ from jaxtyping import Array
 
 from fdjax.optimise.objective import Objective
 from fdjax.precision import require_float64
+
+FEW = 300
+"""More controls than this are many."""
 
 SCALE = 3e3
 """Residuals are multiplied by this, so that the solver's first damping is a light one."""
@@ -48,25 +57,38 @@ class Outcome(NamedTuple):
     seconds: float
 
 
-_SOLVER = optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
+class _Problem(eqx.Module):
+    """An objective over free numbers: controls, or steps from `origin` as the pattern scales them."""
 
+    objective: Objective
+    origin: Any
+    unravel: Callable[[Array], Any] = eqx.field(static=True)
+    many: bool = eqx.field(static=True)
 
-@eqx.filter_jit
-def _residuals(free: Array, problem: Any) -> tuple[list[Array], Array]:
-    """Scaled residuals at the free numbers, in parts, and the size of each kind of residual."""
-    objective, unravel = problem
-    residuals, made = objective(unravel(free))
-    # A trial that could not be made is answered with a large error: its step is not accepted.
-    scaled = [jnp.where(made, SCALE * part, 1e3) for part in jax.tree.leaves(residuals)]
-    return scaled, jnp.stack([jnp.sqrt(_squares(kind)) for kind in residuals])
+    def controls(self, free: Array) -> Any:
+        given = self.unravel(free)
+        if not self.many:
+            return given
+        step = self.objective.pattern.scale(given)
+        return jax.tree.map(jnp.add, self.origin, step)
+
+    def residuals(self, free: Array) -> tuple[list[Array], Array]:
+        """Scaled residuals at the free numbers, in parts, and the size of each kind of residual."""
+        residuals, made = self.objective(self.controls(free))
+        # A trial that could not be made is answered with a large error: its step is not accepted.
+        scaled = [jnp.where(made, SCALE * part, 1e3) for part in jax.tree.leaves(residuals)]
+        return scaled, jnp.stack([jnp.sqrt(_squares(kind)) for kind in residuals])
 
 
 def _squares(parts: Any) -> Array:
     return sum(((part**2).sum() for part in jax.tree.leaves(parts)), jnp.zeros(()))
 
 
+# --- few controls ---
+
+
 @eqx.filter_jit
-def _condensed(free: Array, problem: Any) -> tuple[Array, Array, Array]:
+def _condensed(free: Array, problem: _Problem) -> tuple[Array, Array, Array]:
     """As many residuals as there are free numbers and one, with their Jacobian, and the sizes.
 
     Least squares know residuals r and their Jacobian J only by r'r, J'r and J'J: those of the
@@ -74,7 +96,7 @@ def _condensed(free: Array, problem: Any) -> tuple[Array, Array, Array]:
     """
 
     def parts(free: Array) -> tuple[list[Array], tuple[list[Array], Array]]:
-        residuals, sizes = _residuals(free, problem)
+        residuals, sizes = problem.residuals(free)
         return residuals, (residuals, sizes)
 
     jacobian, (residuals, sizes) = jax.jacfwd(parts, has_aux=True)(free)
@@ -88,7 +110,7 @@ def _condensed(free: Array, problem: Any) -> tuple[Array, Array, Array]:
     return root[:, -1], root[:, :-1], sizes
 
 
-def _condensed_residuals(free: Array, problem: Any) -> tuple[Array, Array]:
+def _few(free: Array, problem: _Problem) -> tuple[Array, Array]:
     """The residuals of `_condensed`, and the sizes; derived by its Jacobian."""
 
     @jax.custom_jvp
@@ -104,17 +126,58 @@ def _condensed_residuals(free: Array, problem: Any) -> tuple[Array, Array]:
     return values(free)
 
 
-@eqx.filter_jit
-def _start(free: Array, problem: Any) -> Any:
-    residuals, sizes = eqx.filter_eval_shape(_condensed_residuals, free, problem)
-    return _SOLVER.init(_condensed_residuals, free, problem, {}, residuals, sizes, frozenset())
+# --- many controls ---
+
+
+def _many(free: Array, problem: _Problem) -> tuple[list[Array], Array]:
+    return problem.residuals(free)
+
+
+_DIRECTIONS = 40
+"""Steps of conjugate gradients in each step: the damping of the steps needs no more."""
+
+_FIRST_STEP = 1e-2
+"""The first damping is one over this: a full step from straight lines is never accepted."""
+
+_WAYS = {
+    False: (_few, optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)),
+    True: (
+        _many,
+        optx.LevenbergMarquardt(
+            rtol=1e-4,
+            atol=1e-4,
+            # As many steps as given: a tolerance would be asked of each number by itself.
+            linear_solver=lx.Normal(
+                lx.CG(rtol=0.0, atol=0.0, max_steps=_DIRECTIONS, stabilise_every=None)
+            ),
+        ),
+    ),
+}
+"""Residuals and solver, for few controls and for many."""
 
 
 @eqx.filter_jit
-def _step(free: Array, problem: Any, state: Any) -> tuple[Array, Any, Any]:
-    free, state, _ = _SOLVER.step(_condensed_residuals, free, problem, {}, state, frozenset())
-    done, _ = _SOLVER.terminate(_condensed_residuals, free, problem, {}, state, frozenset())
+def _start(free: Array, problem: _Problem) -> Any:
+    function, solver = _WAYS[problem.many]
+    residuals, sizes = eqx.filter_eval_shape(function, free, problem)
+    state = solver.init(function, free, problem, {}, residuals, sizes, frozenset())
+    if problem.many:
+        first = jnp.asarray(_FIRST_STEP)
+        state = eqx.tree_at(lambda s: s.search_state.step_size, state, first)
+    return state
+
+
+@eqx.filter_jit
+def _step(free: Array, problem: _Problem, state: Any) -> tuple[Array, Any, Any]:
+    function, solver = _WAYS[problem.many]
+    free, state, _ = solver.step(function, free, problem, {}, state, frozenset())
+    done, _ = solver.terminate(function, free, problem, {}, state, frozenset())
     return free, state, done
+
+
+@eqx.filter_jit
+def _looked_at(free: Array, problem: _Problem) -> Array:
+    return problem.residuals(free)[1]
 
 
 def optimise(
@@ -134,17 +197,19 @@ def optimise(
     require_float64()
     began, gained = time.perf_counter(), []
     free, unravel = ravel_pytree(controls)
-    problem = objective, unravel
+    many = free.size > FEW
+    problem = _Problem(objective, controls if many else None, unravel, many)
+    free = jnp.zeros_like(free) if many else free
     if steps < 1:
-        error, _, penalty = map(float, _residuals(free, problem)[1])
+        error, _, penalty, _ = map(float, _looked_at(free, problem))
         return Outcome(controls, error, penalty, 0, False, time.perf_counter() - began)
     state = _start(free, problem)
     done, count, rejected, error, penalty = False, 0, 0, 0.0, 0.0
     while not done and count < steps:
         free, state, stopped = _step(free, problem, state)
         count += 1
-        error, roughness, penalty = map(float, state.aux)
-        value = float(np.sqrt(error**2 + roughness**2 + penalty**2))
+        error, roughness, penalty, terms = map(float, state.aux)
+        value = float(np.sqrt(error**2 + roughness**2 + penalty**2 + terms**2))
         if value < min(gained, default=np.inf):
             gained.append(value)
             rejected = 0
@@ -157,4 +222,4 @@ def optimise(
     # Where nothing was ever gained the trials failed: that is no convergence.
     converged = done and (bool(state.terminate) or len(gained) > 1)
     spent = time.perf_counter() - began
-    return Outcome(unravel(free), error, penalty, count, converged, spent)
+    return Outcome(problem.controls(free), error, penalty, count, converged, spent)

@@ -26,7 +26,8 @@ class Piece:
 
     - `line`: index of the line in its family.
     - `xy`: shape (points, 2), mm; `width`: shape (points - 1,), mm.
-    - `ends`: (wall, position) of where it starts and where it finishes; None where a line ends in the open.
+    - `ends`: (wall, position) of where it starts and of where it finishes; None where a line ends
+      in the open.
     - `pressed`: (wall, from, to) of each stretch that runs along a wall.
     """
 

@@ -230,10 +230,12 @@ class _Finder:
         low, high = np.where(end % 2, 0, low), np.where(end % 2, np.minimum(last, length), high)
         unit = chords.unit[chord]
         parts = start[:, None] + np.stack([low, high], 1)[..., None] * unit[:, None]
-        return np.where(low < high, shapely.linestrings(parts), None)
+        beyond = np.asarray(shapely.linestrings(parts), object)
+        beyond[low >= high] = None
+        return beyond
 
     def _cuts(self, ways: list[Way], lines: NDArray[np.object_]) -> Floats:
-        """By how much each way's two pieces are to end early, (n, 2); infinite where they cannot."""
+        """By how much each way's two pieces are to end early, (n, 2); infinite where not."""
         width = self.walls.road_width
         ends = np.array([way.ends for way in ways])
         course = self.courses[ends // 2]

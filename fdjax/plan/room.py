@@ -35,14 +35,13 @@ class Walls:
     def of(
         cls, geometry: Polygon | MultiPolygon, road_width: float, press: float, tolerance: float
     ) -> "Walls":
-        regions = [
+        free, near = (
             _simple(free_region(geometry, share * road_width), tolerance)
             for share in (0.5, 0.5 - press)
-        ]
-        walls = [tuple(Wall.of(ring) for ring in rings(region)) for region in regions]
-        for region in regions:
-            shapely.prepare(region)
-        return cls(road_width, press, *regions, *walls)
+        )
+        inner, outer = (tuple(Wall.of(ring) for ring in rings(each)) for each in (free, near))
+        shapely.prepare([free, near])
+        return cls(road_width, press, free, near, inner, outer)
 
     @cached_property
     def sides(self) -> "Sides":

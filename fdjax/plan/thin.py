@@ -75,7 +75,7 @@ def _halvings(level: int) -> int:
 def _crowded(
     pieces: Sequence[Piece], chords: Chords, least_spacing: float | None
 ) -> tuple[Ints, Ints, Floats]:
-    """Pairs of chords of different pieces nearer than their least spacing, which is the third array.
+    """Pairs of chords of different pieces nearer than their least spacing, the third array.
 
     Only those of pieces of which a pair is crowded.
     """
