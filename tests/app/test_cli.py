@@ -234,3 +234,14 @@ def test_commands_load_only_what_they_need(plate, arguments, kept_out):
         f"assert not set({kept_out!r}) & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=plate.parent, capture_output=True)
+
+
+def test_measure_of_several_outlines_and_of_a_target_that_varies_in_z(plate, capsys):
+    pair = "MULTIPOLYGON (((0 0, 8 0, 8 10, 0 10, 0 0)), ((12 0, 20 0, 20 10, 12 10, 12 0)))"
+    job = ["measure", str(plate), "--window", "4", "--target"]
+    assert main([*job, "0.5 + z/10", "--outline", pair]) == 0
+    # The middles of the two layers lie at 0.1 and 0.3 mm.
+    assert "porosity asked      0.5200" in capsys.readouterr().out
+    assert main([*job, "3*z", "--outline", pair]) == 0
+    assert main([*job, "4*z", "--outline", pair]) != 0
+    assert "is 1.2 at" in capsys.readouterr().err

@@ -159,7 +159,7 @@ def test_phi_of_the_paper_and_of_the_unit_square():
         ('machine = "marlin-0.4"', 'files = ["stl"]', 'files: "stl" is not one of gcode, sml, ssl'),
         ("[design]", "[design]\nspan_limit = 1", "[design] span_limit: 1 must be true or false"),
         # the target
-        ("0.4*x/80", "0.4*z/80", '[target] solid: expression "0.1 + 0.4*z/80": unknown name "z"'),
+        ("0.4*x/80", "0.4*w/80", '[target] solid: expression "0.1 + 0.4*w/80": unknown name "w"'),
         ("0.4*x/80", "open(x)", 'unknown function "open" at column 7'),
         ('"0.1 + 0.4*x/80"', "false", '[target] solid: expression "false": unknown name'),
         ("tolerance", 'porosity = "0.5"\ntolerance', "needs exactly one of porosity, solid, image"),
