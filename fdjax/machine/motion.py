@@ -2,7 +2,7 @@
 
 from math import sqrt
 
-from fdjax.machine.moves import Move
+from fdjax.moves import Move
 
 _WINDOW = 512
 """Moves looked at together; half as many are looked ahead at least. Firmware has 16 or more."""

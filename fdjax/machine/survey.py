@@ -10,12 +10,13 @@ from math import inf
 from pathlib import Path
 
 from fdjax.errors import InputError
+from fdjax.gcode.state import GcodeState
+from fdjax.gcode.words import parse
 from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Finding, Findings
-from fdjax.machine.gcode_state import GcodeState, parse
 from fdjax.machine.motion import MotionTime
-from fdjax.machine.moves import Move, Point
 from fdjax.machine.program import Program
 from fdjax.machine.sml_state import SmlState
+from fdjax.moves import Move, Point
 
 _PRINTERS = frozenset({"auto", "marlin", "klipper", "rrf"})
 _HALTS = frozenset({"G28", "$H", "M109", "M190", "M400"})
@@ -106,6 +107,10 @@ def survey(
     return surveyor.result(number)
 
 
+def _nothing(line: str) -> None:
+    """SML has no line that all others are like."""
+
+
 class _Box:
     """Smallest and largest coordinates."""
 
@@ -135,6 +140,7 @@ class _Surveyor:
         self._firmware = "sml" if sml else stream.firmware
         self._room = [side - _LEAST for side in program.machine.bed]
         self._strip = program.code
+        self._plain = self._state.plain if isinstance(self._state, GcodeState) else _nothing
         self._run = self._run_sml if sml else self._run_gcode
         self._longest = longest or LONGEST.get(self._firmware, 0)
         self._short = self._longest - 20 if self._longest else sys.maxsize  # a frame takes 17
@@ -159,6 +165,12 @@ class _Surveyor:
 
     def take(self, number: int, line: str) -> None:
         """Take the next line of the file."""
+        moves = self._plain(line) if len(line) <= self._short else None
+        if moves is not None:
+            self._line = number
+            self._commands += 1
+            self._follow(moves)
+            return
         text = self._strip(line)
         if not text:
             if self._program.is_layer(line):
@@ -177,6 +189,9 @@ class _Surveyor:
         except InputError as error:
             self._refuse(text, error)
             return
+        self._follow(moves)
+
+    def _follow(self, moves: tuple[Move, ...]) -> None:
         for move in moves:
             start, end, _, volume, _ = move
             if start != end:

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from fdjax.formats import profile
 from fdjax.machine.motion import MotionTime
-from fdjax.machine.moves import Move
 from fdjax.machine.program import Program
 from fdjax.machine.survey import survey
+from fdjax.moves import Move
 
 MARLIN = profile.load("marlin-0.4")
 

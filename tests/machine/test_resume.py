@@ -13,9 +13,8 @@ from streams import PRINTER, gcode, sml, units
 
 from fdjax.errors import InputError
 from fdjax.machine import journal, resume
-from fdjax.machine.gcode_state import GcodeState
 from fdjax.machine.journal import Job, Journal
-from fdjax.machine.program import Program
+from fdjax.machine.program import Program, switched_on
 from fdjax.machine.resume import Standing
 from fdjax.machine.virtual.marlin import VirtualMarlin
 from fdjax.machine.virtual.serve import PseudoTerminal
@@ -147,7 +146,7 @@ def test_the_way_back_rebuilds_the_state(tmp_path):
     program = gcode(tmp_path / "job.gcode", 400)
     point = resume.Points(program, [], 300).kept
     for stands in Standing:
-        state = GcodeState.of(PRINTER)
+        state = switched_on(PRINTER, "marlin")
         height = point.state.on_bed[2]
         lines = resume.way_back(point, PRINTER, stands, height=height)
         assert not any(text.startswith("G28") and text != "G28 X Y" for text in lines)
