@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 from shapely import Polygon
@@ -67,12 +68,16 @@ def read(
     printer = _Printer(assembly, state)
     number = 0
     try:
-        plain = state.plain
+        plain, points, pushed = state.plain, printer.points, printer.pushed
         for number, line in enumerate(text.splitlines(), 1):
-            moves = plain(line)
-            if moves is None:
-                moves = printer.line(line)
-            for move in moves:
+            move = plain(line)
+            if move is None:
+                for move in printer.line(line):
+                    printer.take(move, line, number)
+            elif points and move[3] > 0 and not (move[4] or printer.owed) and " Z" not in line:
+                points.append(move[1])  # what `take` does with a road that goes on
+                pushed.append(move[3])
+            else:
                 printer.take(move, line, number)
         printer.close()
     except InputError as error:
@@ -114,18 +119,18 @@ class _Printer:
         self._assembly = assembly
         self._state = state
         self._tool = state.tool
-        self._owed = 0.0  # of material, mm^3, pulled back and not yet returned
+        self.owed = 0.0  # of material, mm^3, pulled back and not yet returned
         self._owings: dict[int, float] = {}  # of tools that are not in use
         self._seen_layer = False
-        self._points: list[Point] = []
-        self._pushed: list[float] = []
+        self.points: list[Point] = []
+        self.pushed: list[float] = []
         self.commanded = False
         self.by_length = False
         self.sloping = 0
 
     def line(self, line: str) -> tuple[Move, ...]:
         """Take one line of the file to the state; the moves that it makes."""
-        code = code_of(line)
+        code = "" if line[:1] == ";" else code_of(line)
         if not code:
             self._comment(line)
             return ()
@@ -136,9 +141,9 @@ class _Printer:
             return ()
         if self._state.tool != self._tool:
             self.close()
-            self._owings[self._tool] = self._owed
+            self._owings[self._tool] = self.owed
             self._tool = self._state.tool
-            self._owed = self._owings.get(self._tool, 0.0)
+            self.owed = self._owings.get(self._tool, 0.0)
         return moves
 
     def _comment(self, line: str) -> None:
@@ -156,19 +161,19 @@ class _Printer:
         """Take a move that a line, of this number, makes."""
         start, end, _, volume, _ = move
         if volume < 0:
-            self._owed -= volume
-        elif self._owed and volume:
-            paid = min(self._owed, volume)
-            self._owed -= paid
+            self.owed -= volume
+        elif self.owed and volume:
+            paid = min(self.owed, volume)
+            self.owed -= paid
             volume -= paid
         moved = start[0] != end[0] or start[1] != end[1]
         if moved and (volume > 0 or (volume == 0 and self._is_short_road(line))):
             if self._assembly.priming:
                 return
-            if not self._points:
-                self._points.append(start)
-            self._points.append(end)
-            self._pushed.append(volume)
+            if not self.points:
+                self.points.append(start)
+            self.points.append(end)
+            self.pushed.append(volume)
             if start[2] != end[2]:
                 self.sloping = self.sloping or number
         elif moved or start[2] != end[2] or volume < 0:
@@ -180,10 +185,13 @@ class _Printer:
 
     def close(self) -> None:
         """End the road that is being laid, if any."""
-        if self._points:
-            points = np.array(self._points)
-            path = points[:, :2]
-            section = np.array(self._pushed) / np.hypot(*np.diff(path, axis=0).T)
-            self._assembly.add(path, section, z=float(points[-1, 2]), material=self._tool)
-            self._points, self._pushed = [], []
+        if self.points:
+            count = len(self.points)
+            flat = np.fromiter(chain.from_iterable(self.points), float, 3 * count)
+            path = flat.reshape(count, 3)[:, :2]
+            steps = path[1:] - path[:-1]
+            section = np.array(self.pushed) / np.hypot(steps[:, 0], steps[:, 1])
+            self._assembly.add(path, section, z=self.points[-1][2], material=self._tool)
+            self.points.clear()
+            self.pushed.clear()
             self.by_length = self.by_length or not self._state.volumetric

@@ -18,7 +18,7 @@ def _heat_tool(record: Record, words: Words) -> None:
     if "P" in words:
         _heat(record, {**words, "T": words["P"]})
     else:
-        record.unknown = frozenset("XYZE")
+        record.forget()
 
 
 def _heat_bed(record: Record, words: Words) -> None:
@@ -44,14 +44,17 @@ def _set_position(record: Record, words: Words) -> None:
     record.shift = (shift[0], shift[1], shift[2])
     if "E" in named:
         record.e = named["E"] * record.e_scale
-    record.unknown -= named.keys()
+    record.know(named.keys())
+
+
+def _measure_by(**modes: float) -> Callable[[Record, Words], None]:
+    return lambda record, words: record.measure_by(**modes)
 
 
 def _set_axes(absolute: bool) -> Callable[[Record, Words], None]:
     def act(record: Record, words: Words) -> None:
-        record.absolute = absolute
-        if record.firmware.e_mode == "set":
-            record.relative_e = not absolute
+        of_e = {"relative_e": not absolute} if record.firmware.e_mode == "set" else {}
+        record.measure_by(absolute=absolute, **of_e)
 
     return act
 
@@ -108,28 +111,28 @@ def _set(**values: object) -> Callable[[Record, Words], None]:
 
 def _lose(record: Record, words: Words) -> None:
     """The machine goes to places that the command does not name."""
-    record.unknown = frozenset("XYZE")
+    record.forget()
 
 
 def select(record: Record, tool: int) -> None:
     """A change of tool. E goes on from where it was (Marlin: one `current_position.e`)."""
     record.tool = tool
-    record.unknown = frozenset("XYZE")
+    record.forget()
     record.weigh()
 
 
 SETTERS: dict[str, Callable[[Record, Words], None]] = {
     **{plane: _set(plane=plane) for plane in ("G17", "G18", "G19")},
-    "G20": _set(scale=25.4),
-    "G21": _set(scale=1.0),
+    "G20": _measure_by(scale=25.4),
+    "G21": _measure_by(scale=1.0),
     "G90": _set_axes(True),
     "G91": _set_axes(False),
     "G92": _set_position,
     "M3": _set_power("M3"),
     "M4": _set_power("M4"),
     "M5": _set(power=0.0),
-    "M82": _set(relative_e=False),
-    "M83": _set(relative_e=True),
+    "M82": _measure_by(relative_e=False),
+    "M83": _measure_by(relative_e=True),
     "M104": _heat,
     "M109": _heat,
     "G10": _heat_tool,

@@ -1,7 +1,7 @@
 """The record of what is in force in a printer between two lines of G-code."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import Self
 
@@ -66,11 +66,36 @@ class Record:
     """Speed of motion: that of F with M220 upon it."""
     gain: float = field(init=False, default=0.0)
     """mm^3 that a unit of E deposits."""
+    direct: bool = field(init=False, default=True)
+    """Whether coordinates are absolute and in mm."""
+    unsure: bool = field(init=False, default=True)
+    """Whether X, Y, Z or an absolute E is unknown."""
 
     def __post_init__(self) -> None:
         self.motion = self.motion or self.firmware.first_motion
         self.weigh()
         self.run_at(self.speed)
+        self.measure_by()
+
+    def measure_by(self, **modes: float) -> None:
+        """Set some of scale, absolute and relative_e."""
+        for name, value in modes.items():
+            setattr(self, name, value)
+        self.direct = bool(self.absolute and self.scale == 1.0)
+        self._look()
+
+    def know(self, axes: Set[str]) -> None:
+        """The file says where these axes are."""
+        self.unknown -= axes
+        self._look()
+
+    def forget(self, axes: str = "XYZE") -> None:
+        """The machine may have set these axes otherwise."""
+        self.unknown |= frozenset(axes)
+        self._look()
+
+    def _look(self) -> None:
+        self.unsure = bool(self.unknown - {"E"} if self.relative_e else self.unknown)
 
     def weigh(self) -> None:
         """Take into account what has changed of tool, filament and flow."""

@@ -38,22 +38,29 @@ class GcodeState(Record):
     [(10.0, 5.0, 0.0), (15.0, 5.0, 0.0)]
     """
 
-    def plain(self, line: str) -> tuple[Move] | None:
-        """What `run` does with a move to X and Y in mm, which is nearly every line, in a hurry.
+    def plain(self, line: str) -> Move | None:
+        """What `run` does with a motion in absolute mm as programs write it, in a hurry.
 
         None, and nothing done, for any other line.
         """
         match = PLAIN(line)
-        if match is None or not self.absolute or self.scale != 1.0:
+        if match is None or not self.direct:
             return None
-        name, x, y, e, feed = match.groups()
-        start, shift = self.on_bed, self.shift
-        end = (float(x) + shift[0], float(y) + shift[1], start[2])
-        self.on_bed, self.motion = end, name
+        self.motion, x, y, z, e, feed = match.groups()
+        start = to_x, to_y, to_z = self.on_bed
+        a, b, c = self.shift
+        if x is not None:
+            to_x = float(x) + a
+        if y is not None:
+            to_y = float(y) + b
+        if z is not None:
+            to_z = float(z) + c
+        self.on_bed = end = (to_x, to_y, to_z)
         if feed is not None:
             self.run_at(float(feed) / 60)
-        if self.unknown:
-            self.unknown -= {"X", "Y"} if self.relative_e or e is None else {"X", "Y", "E"}
+        if self.unsure:
+            given = zip("XYZE", (x, y, z, None if self.relative_e else e), strict=True)
+            self.know({axis for axis, word in given if word is not None})
         if e is None:
             volume = 0.0
         elif self.relative_e:
@@ -63,9 +70,9 @@ class GcodeState(Record):
         else:
             before, self.e = self.e, float(e)
             volume = (self.e - before) * self.gain
-        if (volume and start == end) or self.area_per_power:
+        if self.area_per_power or (volume and start == end):
             return self._straight(start, end, volume)
-        return (_new(Move, (start, end, self.pace, volume, 0.0)),)
+        return _new(Move, (start, end, self.pace, volume, 0.0))
 
     def run(self, code: str) -> tuple[Move, ...]:
         """Take the state past a line without comments; the moves that the line makes.
@@ -74,9 +81,9 @@ class GcodeState(Record):
         is no command, and `InputError` for a damaged word, an arc that is none, and what cannot be
         followed.
         """
-        moves = self.plain(code)
-        if moves is not None:
-            return moves
+        move = self.plain(code)
+        if move is not None:
+            return (move,)
         name, at = command_of(code)
         if not name:
             name = self.motion
@@ -99,7 +106,7 @@ class GcodeState(Record):
         if name[0] == "T" and name[1:].isdigit():
             select(self, int(name[1:]))
         elif not (name[0] in "GM" and name[1].isdigit()):
-            self.unknown = frozenset("XYZE")
+            self.forget()
         return ()
 
     def _several(self, code: str) -> tuple[Move, ...]:
@@ -142,18 +149,18 @@ class GcodeState(Record):
             self.e = before + e if self.e_is_relative else e
             volume = (e if self.e_is_relative else e - before) * self.gain
         if self.unknown and self.absolute:
-            self.unknown -= words.keys() - {"E"} if self.relative_e else words.keys()
+            self.know(words.keys() - {"E"} if self.relative_e else words.keys())
         if name in ("G2", "G3"):
             return self._arc(name, words, start, volume)
-        return self._straight(start, end, volume)
+        return (self._straight(start, end, volume),)
 
-    def _straight(self, start: Point, end: Point, volume: float) -> tuple[Move]:
+    def _straight(self, start: Point, end: Point, volume: float) -> Move:
         pace = self.pace
         if start == end and volume:
-            return (Move(start, end, pace, volume, abs(volume / self.gain) / pace),)
+            return Move(start, end, pace, volume, abs(volume / self.gain) / pace)
         if self.area_per_power and self.motion == "G1":
             volume = self.power * self.area_per_power * math.dist(start, end)
-        return (Move(start, end, pace, volume),)
+        return Move(start, end, pace, volume)
 
     def _arc(
         self, name: str, words: Mapping[str, float], start: Point, volume: float
@@ -193,5 +200,5 @@ class GcodeState(Record):
         before, self.on_bed = self.on_bed, (start[0], start[1], start[2])
         self.shift = (shift[0], shift[1], shift[2])
         self.homed |= frozenset(axes)
-        self.unknown |= frozenset(axes)
+        self.forget("".join(axes))
         return (Move(before, self.on_bed, HOMING_SPEED),)

@@ -5,11 +5,11 @@ import re
 
 from fdjax.errors import InputError
 
+_NUMBER = r"(-?[0-9]*\.?[0-9]+)"
 PLAIN = re.compile(
-    r"(G[01]) X(-?[0-9]*\.?[0-9]+) Y(-?[0-9]*\.?[0-9]+)"
-    r"(?: E(-?[0-9]*\.?[0-9]+))?(?: F([0-9]+\.?[0-9]*))?\n?"
+    rf"(G[01])(?: X{_NUMBER})?(?: Y{_NUMBER})?(?: Z{_NUMBER})?(?: E{_NUMBER})?(?: F{_NUMBER})?\n?"
 ).fullmatch
-"""Command, X, Y, E and F of the line that nearly all lines are; None for any other."""
+"""Command, X, Y, Z, E and F of a motion as nearly all programs write it; None for other lines."""
 
 _COMMENT = re.compile(r"\([^)]*\)|;.*", re.DOTALL)
 _FRAME = re.compile(r"^\s*N\d+\s*|\s*\*\s*\d+\s*$", re.IGNORECASE)  # line number, checksum

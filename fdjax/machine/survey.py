@@ -165,11 +165,11 @@ class _Surveyor:
 
     def take(self, number: int, line: str) -> None:
         """Take the next line of the file."""
-        moves = self._plain(line) if len(line) <= self._short else None
-        if moves is not None:
+        move = self._plain(line) if len(line) <= self._short else None
+        if move is not None:
             self._line = number
             self._commands += 1
-            self._follow(moves)
+            self._follow(move)
             return
         text = self._strip(line)
         if not text:
@@ -189,22 +189,22 @@ class _Surveyor:
         except InputError as error:
             self._refuse(text, error)
             return
-        self._follow(moves)
-
-    def _follow(self, moves: tuple[Move, ...]) -> None:
         for move in moves:
-            start, end, _, volume, _ = move
-            if start != end:
-                if self._unhomed:
-                    self._check_home(start, end)
-                self._moves.add(end)
-                x, y, z = end
-                a, b, c = self._room
-                if not (_LEAST <= x <= a and _LEAST <= y <= b and _LEAST <= z <= c):
-                    self._outside(end)
-            if volume:
-                self._deposit(start, end, volume)
-            self._motion.add(move)
+            self._follow(move)
+
+    def _follow(self, move: Move) -> None:
+        start, end, _, volume, _ = move
+        if start != end:
+            if self._unhomed:
+                self._check_home(start, end)
+            self._moves.add(end)
+            x, y, z = end
+            a, b, c = self._room
+            if not (_LEAST <= x <= a and _LEAST <= y <= b and _LEAST <= z <= c):
+                self._outside(end)
+        if volume:
+            self._deposit(start, end, volume)
+        self._motion.add(move)
 
     def _run_gcode(self, text: str) -> tuple[Move, ...]:
         moves = self._state.run(text)
