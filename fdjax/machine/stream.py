@@ -13,7 +13,8 @@ from fdjax.formats.profile import Machine
 from fdjax.machine import connect
 from fdjax.machine.control import Commands, commands_of
 from fdjax.machine.entry import Entry, entry_of
-from fdjax.machine.ports import AbstractPort, PortLost, open_port
+from fdjax.machine.port import AbstractPort, PortLost
+from fdjax.machine.ports import open_port
 from fdjax.machine.program import Command, Program, State
 from fdjax.machine.protocols import AbstractProtocol
 from fdjax.machine.protocols.base import position
