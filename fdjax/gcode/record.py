@@ -100,7 +100,7 @@ class Record:
     def weigh(self) -> None:
         """Take into account what has changed of tool, filament and flow."""
         area = 1.0 if self.volumetric else self.areas.get(self.tool, self.filament_area)
-        self.gain = area / self.flow * self.flows.get(self.tool, 1.0)
+        self.gain = area / self.flow * self.flow_factor
 
     def run_at(self, speed: float) -> None:
         """Set the speed of F, mm/s."""
@@ -124,6 +124,11 @@ class Record:
     def nozzle(self) -> float:
         """Set temperature of the tool in use."""
         return self.nozzles.get(self.tool, 0.0)
+
+    @property
+    def flow_factor(self) -> float:
+        """M221 of the tool in use."""
+        return self.flows.get(self.tool, 1.0)
 
     @property
     def fan(self) -> float:

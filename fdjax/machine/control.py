@@ -120,6 +120,8 @@ def modes(state: GcodeState, *, extruder: bool = True) -> list[str]:
     return [
         *plain,
         "M83" if state.relative_e else "M82",
+        *([f"M220 S{100 * state.speed_factor:g}"] if state.speed_factor != 1 else []),
+        *([f"M221 S{100 * state.flow_factor:g}"] if state.flow_factor != 1 else []),
         f"G92 E{state.e / state.e_scale:.5f}",
         *(["M107"] if not state.fan else []),
         *(

@@ -3,6 +3,7 @@
 import hashlib
 import math
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -69,6 +70,8 @@ class Program:
         except OSError as error:
             raise InputError(f"{self.path}: cannot be read ({error.strerror})") from None
         _ = self._stamp
+        if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            raise InputError(f"{self.path}: the file is UTF-16; save it as UTF-8")
         if b"\0" in head:
             raise InputError(f"{self.path}: the file is binary")
 
@@ -102,7 +105,7 @@ class Program:
     def lines(self) -> Iterator[tuple[int, str]]:
         """Number and text of every line. Raises `InputError` once the file has changed."""
         self._check()
-        with self.path.open(encoding="utf-8", errors="replace") as file:
+        with self.path.open(encoding="utf-8-sig", errors="replace") as file:
             for number, line in enumerate(file, 1):
                 if number % _LOOK == 0:
                     self._check()

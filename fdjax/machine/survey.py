@@ -222,6 +222,8 @@ class _Surveyor:
         self._macros = self._macros or name == "M98"
         if name in _HALTS:
             self._motion.flush()
+        if name == "M204" and isinstance(self._state, GcodeState):
+            self._motion.accelerate(self._state.accelerations)
         self._see()
         return () if name in ("G28", "$H") else moves
 

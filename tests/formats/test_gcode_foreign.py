@@ -1,10 +1,11 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from fdjax.errors import InputError
-from fdjax.formats import gcode, profile
+from fdjax.formats import gcode, profile, read_file
 from fdjax.road.bead import road_width
 
 AREA = math.pi / 4 * 1.75**2
@@ -167,3 +168,57 @@ def test_what_cannot_be_read(text, message):
 def test_absurd_options(options):
     with pytest.raises(InputError, match="positive length"):
         read("G1 Z0.2\nG1 X10 E1\n", **options)
+
+
+def test_flow_and_volumetric_e_scale_what_is_read():
+    text = "M83\nG1 Z0.2\nG1 X10 E1\nM221 S50\nG0 Y5\nG1 X0 E1\n"
+    assert volume(text) == pytest.approx(1.5)
+    text = "M200 D1.75\nM83\nG1 Z0.2\nG1 X10 E2\n"
+    assert gcode.read(text).volume == pytest.approx(2)
+    assert read(text).volume == pytest.approx(2)
+
+
+def test_g90_makes_e_absolute_as_in_marlin_unless_the_machine_runs_another():
+    text = "M83\nG90\nG1 Z0.2\nG1 X10 E1\nG1 X20 E2\n"
+    assert volume(text) == pytest.approx(2)
+    marlin = profile.load("marlin-0.4")
+    stream = dataclasses.replace(marlin.stream, firmware="klipper")
+    klipper = dataclasses.replace(marlin, stream=stream)
+    assert volume(text, machine=klipper) == pytest.approx(3)
+
+
+def test_lines_without_a_command_go_on():
+    assert volume("M83\nG1 Z0.2\nG1 F600\nX10 Y0 E1\nX10 Y9 E1\n") == pytest.approx(2)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("G1 X10 E6.65e-01", "line 2: 'E6.65e-01' has an exponent"),
+        ("G1 X10 A0.6", "line 2: A0.6 moves an axis that is not known"),
+        ("G90 G1 X5 E1", "line 2: G1 stands behind G90"),
+    ],
+)
+def test_what_cannot_be_followed_is_named(line, message):
+    with pytest.raises(InputError, match=message):
+        read(f"G1 Z0.2\n{line}\n")
+
+
+@pytest.mark.parametrize("text", ["M0 Insert the nuts T T", "M117 E1 E2 ?", "M600", "M73 P% R5"])
+def test_messages_and_what_is_not_followed_are_passed_over(text):
+    assert volume(f"M83\nG1 Z0.2\nG1 X10 E1\n{text}\nG1 X20 E1\n") == pytest.approx(2)
+
+
+def test_a_diameter_for_each_tool():
+    text = "M83\nG1 Z0.2\nT0\nG1 X10 E1\nT1\nG0 Y2\nG1 X0 E1\n; filament_diameter = 1.75,2.85\n"
+    both = math.pi / 4 * (1.75**2 + 2.85**2)
+    assert gcode.read(text).volume == pytest.approx(both)
+    assert gcode.read(text, filament=[1.75, 2.85]).volume == pytest.approx(both)
+    assert read(text).volume == pytest.approx(2 * AREA)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_files_that_an_editor_rewrote(tmp_path, encoding):
+    path = tmp_path / "part.gcode"
+    path.write_text("; made by hand\nM83\nG1 Z0.2\nG1 X10 E1\n", encoding=encoding)
+    assert read_file(path, filament=1.75).volume == pytest.approx(AREA)

@@ -160,6 +160,16 @@ def test_the_way_back_rebuilds_the_state(tmp_path):
         assert state.speed == pytest.approx(wanted.speed)
 
 
+def test_the_way_back_brings_flow_speed_and_all_fans(tmp_path):
+    program = layered(tmp_path / "job.gcode")
+    text = program.path.read_text().replace("G28\n", "G28\nM220 S80\nM221 S92\nM106 P2 S255\n", 1)
+    program.path.write_text(text)
+    program = Program(program.path, PRINTER)
+    point = resume.at_layer(program, starts(program), 4)
+    lines = resume.way_back(point, PRINTER, Standing.LOST, height=0.8)
+    assert {"M220 S80", "M221 S92", "M106 S60", "M106 P2 S255"} <= set(lines)
+
+
 def test_sml_goes_on_between_roads_and_only_with_power(tmp_path):
     program = sml(tmp_path / "job.sml", 300)
     lines = list(program.commands())
