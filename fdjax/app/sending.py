@@ -17,7 +17,8 @@ from fdjax.machine.port import AbstractPort
 from fdjax.machine.program import Program
 from fdjax.machine.resume import Point, Standing
 from fdjax.machine.stream import Event, Stream
-from fdjax.machine.survey import Survey, survey
+from fdjax.machine.survey import survey
+from fdjax.machine.surveyed import Survey
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,17 @@
 import os
 import re
 import sys
-from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf
-from pathlib import Path
 
 from fdjax.errors import InputError
 from fdjax.gcode.state import GcodeState
 from fdjax.gcode.words import parse
-from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Finding, Findings
+from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Findings
 from fdjax.machine.motion import MotionTime
 from fdjax.machine.program import Program
 from fdjax.machine.sml_state import SmlState
+from fdjax.machine.surveyed import LayerStart, Survey
 from fdjax.moves import Move, Point
 
 _PRINTERS = frozenset({"auto", "marlin", "klipper", "rrf"})
@@ -26,63 +24,6 @@ _END = re.compile(r"\W*fdjax end\s*$")
 _LEAST = -1e-6
 """How far off the bed a move may be, by rounding, mm."""
 _STEP = 20_000
-
-
-@dataclass(frozen=True)
-class LayerStart:
-    """A layer's first line in the file, its z in mm if it deposits, and the seconds before it."""
-
-    line: int
-    z: float | None
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Survey:
-    """What a file will do.
-
-    - `lines`: of the file; `commands`: how many of them are sent.
-    - `seconds`: that motion and waits take; heating and homing come on top.
-    - `volume`: of material, mm^3; `filament`: mm of it, 0 for SML; `grams`: by the machine's
-      density. What is pulled back and pushed again counts once; priming counts.
-    - `deposits`, `moves`: smallest and largest x, y, z on the bed, mm, of deposits other than the
-      priming that fdjax marks, and of all motion but homing; None where there is none.
-    - `nozzle`, `bed`: the highest temperatures asked for, degrees Celsius.
-    """
-
-    lines: int
-    commands: int
-    layers: tuple[LayerStart, ...]
-    seconds: float
-    volume: float
-    filament: float
-    grams: float
-    deposits: tuple[Point, Point] | None
-    moves: tuple[Point, Point] | None
-    nozzle: float
-    bed: float
-    findings: tuple[Finding, ...]
-
-    @property
-    def errors(self) -> tuple[Finding, ...]:
-        """The findings that forbid sending."""
-        return tuple(finding for finding in self.findings if finding.severity == "error")
-
-    def refuse(self, path: Path) -> None:
-        """Raise `InputError` for a file that must not be sent."""
-        if self.errors:
-            more = len(self.errors) - 1
-            first = str(self.errors[0]).removeprefix("error: ")
-            raise InputError(f"{path}: {first}" + (f"; and {more} more" if more else ""))
-
-    @property
-    def starts(self) -> list[int]:
-        """The file lines at which layers begin."""
-        return [layer.line for layer in self.layers]
-
-    def layer_of(self, line: int) -> int:
-        """The layer that a file line lies in, from 1; 0 before the first."""
-        return bisect_right(self.layers, line, key=lambda layer: layer.line)
 
 
 def survey(
