@@ -133,6 +133,7 @@ def imports_of(path: Path) -> set[str]:
 
 def test_rooms_import_from_rooms_above():
     order = rooms_in_order()
+    following = ("arcs", "moves", "gcode")
     folder = ROOT / "fdjax"
     rooms = {path.relative_to(folder).parts[0] for path in folder.rglob("*.py")}
     assert {room.removesuffix(".py") for room in rooms} == {*order, "__init__", "__main__"}
@@ -146,6 +147,8 @@ def test_rooms_import_from_rooms_above():
             exception = room in ("pattern", "design") and module == "plan.limits"
             assert other == room or other in above or exception, f"{path}: {module}"
             if room == "machine":
-                assert other in ("errors", "units", "formats", room)
+                assert other in ("errors", "units", "formats", *following, room)
             if room in ("plan", "formats", "view"):
-                assert other in ("errors", "units", "plan", room) or module == "road.bead"
+                assert (
+                    other in ("errors", "units", "plan", *following, room) or module == "road.bead"
+                )

@@ -6,7 +6,7 @@ import threading
 from types import FrameType
 
 from fdjax.machine.stream import Event, Stream
-from fdjax.machine.survey import Survey
+from fdjax.machine.surveyed import Survey
 
 # A closed terminal ends a print as safely as Ctrl-C does; Windows has no such signal.
 _SIGNALS = [getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n)]

@@ -13,11 +13,12 @@ from fdjax.formats.profile import Machine
 from fdjax.machine import connect, ports, resume
 from fdjax.machine.journal import Job, Journal, Log, beside
 from fdjax.machine.journal import read as read_journal
-from fdjax.machine.ports import AbstractPort
+from fdjax.machine.port import AbstractPort
 from fdjax.machine.program import Program
 from fdjax.machine.resume import Point, Standing
 from fdjax.machine.stream import Event, Stream
-from fdjax.machine.survey import Survey, survey
+from fdjax.machine.survey import survey
+from fdjax.machine.surveyed import Survey
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import inspect
 import os
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -79,9 +80,12 @@ def read_file(path: str | Path, **options: Any) -> "Build":
 
         given["machine"] = profile.load(given["machine"])
     try:
-        text = Path(path).read_text(encoding="utf-8", errors="replace")
+        data = Path(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    # Windows' shells rewrite files in UTF-16, and editors put a byte-order mark before UTF-8.
+    encoding = "utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
+    text = data.decode(encoding, errors="replace")
     try:
         return reader(text, **given)
     except InputError as error:

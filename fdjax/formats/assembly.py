@@ -106,7 +106,7 @@ class Assembly:
         made = []
         for layer in layers:
             height = layer_height or layer.height
-            roads = tuple(_road(deposit, height, unit, origin) for deposit in layer.deposits)
+            roads = _roads(layer.deposits, height, unit, np.asarray(origin))
             filled = layer.outline if outline is None else outline
             made.append(Layer(layer.z, height, roads, filled))
         return Build(
@@ -132,14 +132,24 @@ class Assembly:
         ]
 
 
-def _road(deposit: _Deposit, height: float, unit: float, origin: tuple[float, ...]) -> Road:
-    xy = deposit.path[:-1] if deposit.closed else deposit.path
-    return Road(
-        xy - np.asarray(origin),
-        road_width(deposit.section * unit, height),
-        material=deposit.material,
-        closed=deposit.closed,
-        family=deposit.family,
+def _roads(
+    deposits: list[_Deposit], height: float, unit: float, origin: NDArray[np.float64]
+) -> tuple[Road, ...]:
+    """The roads of one layer; their widths in one go, as most roads are short."""
+    if not deposits:
+        return ()
+    sections = np.concatenate([deposit.section for deposit in deposits])
+    ends = np.cumsum([len(deposit.section) for deposit in deposits])[:-1]
+    widths = np.split(road_width(sections * unit, height), ends)
+    return tuple(
+        Road(
+            (deposit.path[:-1] if deposit.closed else deposit.path) - origin,
+            width,
+            material=deposit.material,
+            closed=deposit.closed,
+            family=deposit.family,
+        )
+        for deposit, width in zip(deposits, widths, strict=True)
     )
 
 

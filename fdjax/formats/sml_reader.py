@@ -6,9 +6,9 @@ from collections import deque
 
 import numpy as np
 
+from fdjax.arcs import arc_points
 from fdjax.errors import InputError
 from fdjax.formats import profile
-from fdjax.formats.arcs import arc_points
 from fdjax.formats.assembly import Assembly, option
 from fdjax.formats.profile import Machine, Sml
 from fdjax.formats.sml_codes import (
@@ -161,7 +161,7 @@ class _Plotter:
         points = arc_points(
             start, (centre[0] * MICROSTEP, centre[1] * MICROSTEP), math.radians(degrees)
         )
-        self._go([(x, y) for x, y in (points / MICROSTEP).tolist()])
+        self._go([(x / MICROSTEP, y / MICROSTEP) for x, y in points])
 
     def _go(self, points: list[tuple[float, float]]) -> None:
         end = points[-1]

@@ -2,7 +2,7 @@
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
-from fdjax.machine.ports import AbstractPort
+from fdjax.machine.port import AbstractPort
 from fdjax.machine.protocols import PROTOCOLS, AbstractProtocol, protocol
 
 LISTEN = 2.5

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 from fdjax.formats.profile import Machine
-from fdjax.machine.gcode_state import GcodeState
+from fdjax.gcode.state import GcodeState
 from fdjax.machine.program import State
 from fdjax.machine.sml_state import SmlState
 
@@ -61,9 +61,9 @@ class _Gcode(Commands):
         return [
             "M400",
             "G21",
-            "M83",
-            f"G1 E-{machine.stream.park_retract:g} F{_PUSH:g}",
             "G90",
+            "M83",  # behind G90, which to Marlin makes E absolute too
+            f"G1 E-{machine.stream.park_retract:g} F{_PUSH:g}",
             f"G1 Z{max(lift, state.z):.3f} F600",
             f"G1 X{-state.shift[0]:.3f} Y{machine.bed[1] - state.shift[1]:.3f} F{_TRAVEL:g}",
             f"M104 S{max(state.nozzle - 60, 0):g}",
@@ -120,8 +120,15 @@ def modes(state: GcodeState, *, extruder: bool = True) -> list[str]:
     return [
         *plain,
         "M83" if state.relative_e else "M82",
-        f"G92 E{state.e / scale:.5f}",
-        f"M106 S{state.fan:g}" if state.fan else "M107",
+        *([f"M220 S{100 * state.speed_factor:g}"] if state.speed_factor != 1 else []),
+        *([f"M221 S{100 * state.flow_factor:g}"] if state.flow_factor != 1 else []),
+        f"G92 E{state.e / state.e_scale:.5f}",
+        *(["M107"] if not state.fan else []),
+        *(
+            f"M106{f' P{number}' if number else ''} S{speed:g}"
+            for number, speed in state.fans.items()
+            if speed or number
+        ),
     ]
 
 

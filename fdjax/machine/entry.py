@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from fdjax.machine.gcode_state import GcodeState
-from fdjax.machine.moves import Position
+from fdjax.gcode.state import GcodeState
 from fdjax.machine.program import State
+from fdjax.moves import Position
 
 BLOCKING = 1800.0
 """Seconds that heating, homing and the like may take without a sign of life."""

@@ -1,8 +1,9 @@
 """The time that moves take, planned as a printer's firmware plans them."""
 
+from collections.abc import Mapping
 from math import sqrt
 
-from fdjax.machine.moves import Move
+from fdjax.moves import Move
 
 _WINDOW = 512
 """Moves looked at together; half as many are looked ahead at least. Firmware has 16 or more."""
@@ -22,8 +23,8 @@ class MotionTime:
     a backward pass lowers the speeds and a forward pass bounds what can be reached (as grbl's
     planner.c has it); each move then has a trapezoid of speed, or a triangle.
 
-    `acceleration` is in mm/s^2 and `corner_speed` in mm/s. Moves of filament alone go from stop to
-    stop with the same acceleration.
+    `acceleration` is in mm/s^2, until `accelerate` sets others, and `corner_speed` in mm/s. Moves
+    of filament alone go from stop to stop.
 
     >>> time = MotionTime(acceleration=1000.0, corner_speed=0.0)
     >>> time.add(Move((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), 50.0))
@@ -35,18 +36,24 @@ class MotionTime:
     def __init__(self, acceleration: float, corner_speed: float) -> None:
         self.seconds = 0.0
         self.marks: list[float] = []
-        self._acceleration = acceleration
-        self._gain = 2 * acceleration  # of squared speed, for each mm
+        self._road = self._travel = self._filament = acceleration
         self._corner = corner_speed**2
-        self._pending: list[tuple[float, float, float]] = []  # squared entry at most, mm, mm/s
+        # Squared entry at most, mm, mm/s, and mm/s^2.
+        self._pending: list[tuple[float, float, float, float]] = []
         self._open: list[int] = []  # moves pending before each mark
         self._direction = _REST
         self._speed = 0.0  # of the last move added
         self._entry = 0.0  # squared, of the first move pending
 
+    def accelerate(self, accelerations: Mapping[str, float]) -> None:
+        """From now on with these, mm/s^2: P of roads, T of travel, R of filament alone (M204)."""
+        self._road = accelerations.get("P", self._road)
+        self._travel = accelerations.get("T", self._travel)
+        self._filament = accelerations.get("R", self._filament)
+
     def add(self, move: Move) -> None:
         """Take one more move; its time is part of `seconds` at the latest after `flush`."""
-        (a, b, c), (x, y, z), speed, _, wait = move
+        (a, b, c), (x, y, z), speed, volume, wait = move
         if wait:
             self.flush()
             self.seconds += self._alone(wait * speed, speed) if speed else wait
@@ -71,7 +78,7 @@ class MotionTime:
         pending = self._pending
         if not pending:
             self._entry = entry
-        pending.append((entry, length, speed))
+        pending.append((entry, length, speed, self._road if volume else self._travel))
         if len(pending) >= _WINDOW:
             self._plan()
 
@@ -90,18 +97,18 @@ class MotionTime:
 
     def _alone(self, length: float, speed: float) -> float:
         end = min(self._corner, speed * speed)
-        return _seconds(length, speed, end, end, self._acceleration)
+        return _seconds(length, speed, end, end, self._filament)
 
     def _plan(self, *, stop: bool = False) -> None:
         """Finish the moves whose speeds nothing that is still to come can change."""
-        pending, gain = self._pending, self._gain
+        pending = self._pending
         count = len(pending)
         entries = [0.0] * (count + 1)
         entries[count] = squared = min(self._corner, self._speed**2)  # as if to stop at the end
         settled = 0
         for k in range(count - 1, -1, -1):
-            limit, length, _ = pending[k]
-            squared += gain * length
+            limit, length, _, acceleration = pending[k]
+            squared += 2 * acceleration * length
             if squared >= limit:
                 squared = limit
                 settled = settled or k
@@ -119,11 +126,10 @@ class MotionTime:
 
     def _finish(self, first: int, last: int, entries: list[float]) -> None:
         """Add the time of pending moves; `entries` are squared speeds between them, at most."""
-        gain, acceleration = self._gain, self._acceleration
         entry, total = self._entry, 0.0
         for k in range(first, last):
-            _, length, speed = self._pending[k]
-            leave = min(entries[k + 1], entry + gain * length)
+            _, length, speed, acceleration = self._pending[k]
+            leave = min(entries[k + 1], entry + 2 * acceleration * length)
             total += _seconds(length, speed, entry, leave, acceleration)
             entry = leave
         self._entry = entry

@@ -1,7 +1,9 @@
 """A machine file as what is sent of it: its commands, line by line, never loaded whole."""
 
 import hashlib
+import math
 import re
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,11 +13,11 @@ from typing import NamedTuple
 from fdjax.errors import InputError
 from fdjax.formats import FORMATS
 from fdjax.formats.profile import Machine
-from fdjax.machine.gcode_state import GcodeState
+from fdjax.gcode.firmware import firmware_of
+from fdjax.gcode.state import GcodeState
+from fdjax.gcode.words import code_of
 from fdjax.machine.sml_state import SmlState
 
-_PARENTHESES = re.compile(r"\([^)]*\)")
-_FRAME = re.compile(r"^\s*[Nn]\d+\s*|\s*\*\s*\d+\s*$")  # line number, checksum
 _LAYER = re.compile(r"\W*fdjax layer |;\s*(LAYER:|LAYER_CHANGE)")
 _LOOK = 256
 """Lines after which the file is looked at again, whether it is the one that was checked."""
@@ -30,6 +32,15 @@ class Command(NamedTuple):
 
 
 State = GcodeState | SmlState
+
+
+def switched_on(machine: Machine, firmware: str) -> GcodeState:
+    """A machine that takes G-code, with its filament, before the first line."""
+    if machine.gcode is None:
+        return GcodeState(firmware_of(firmware))
+    extrusion = machine.gcode.extrusion
+    area = math.pi / 4 * extrusion.filament**2
+    return GcodeState(firmware_of(firmware), filament_area=area, flow=extrusion.flow)
 
 
 @dataclass(frozen=True)
@@ -59,6 +70,8 @@ class Program:
         except OSError as error:
             raise InputError(f"{self.path}: cannot be read ({error.strerror})") from None
         _ = self._stamp
+        if head.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+            raise InputError(f"{self.path}: the file is UTF-16; save it as UTF-8")
         if b"\0" in head:
             raise InputError(f"{self.path}: the file is binary")
 
@@ -68,9 +81,14 @@ class Program:
         found = self.path.stat()
         return found.st_size, found.st_mtime_ns
 
-    def _check(self) -> None:
+    @property
+    def has_changed(self) -> bool:
+        """Whether the file is another one than when it was first looked at."""
         found = self.path.stat()
-        if (found.st_size, found.st_mtime_ns) != self._stamp:
+        return (found.st_size, found.st_mtime_ns) != self._stamp
+
+    def _check(self) -> None:
+        if self.has_changed:
             raise InputError(f"{self.path}: has changed since it was checked")
 
     @cached_property
@@ -78,16 +96,16 @@ class Program:
         """ "gcode" or "sml"."""
         return "sml" if self.path.suffix.lower() == ".sml" else "gcode"
 
-    def state(self) -> State:
-        """The machine before the first line."""
+    def state(self, firmware: str | None = None) -> State:
+        """The machine before the first line; its firmware is the profile's unless given."""
         if self.machine.sml is not None and self.language == "sml":
             return SmlState(self.machine.sml)
-        return GcodeState.of(self.machine)
+        return switched_on(self.machine, firmware or self.machine.stream.firmware)
 
     def lines(self) -> Iterator[tuple[int, str]]:
         """Number and text of every line. Raises `InputError` once the file has changed."""
         self._check()
-        with self.path.open(encoding="utf-8", errors="replace") as file:
+        with self.path.open(encoding="utf-8-sig", errors="replace") as file:
             for number, line in enumerate(file, 1):
                 if number % _LOOK == 0:
                     self._check()
@@ -107,12 +125,7 @@ class Program:
         if self.language == "sml":
             comment = self.machine.sml.comment if self.machine.sml else "#"
             return "" if line.lstrip().startswith(comment) else line.strip()
-        text = line.partition(";")[0]
-        if "(" in text:
-            text = _PARENTHESES.sub("", text)
-        if "*" in text or text[:1] in "Nn \t":
-            text = _FRAME.sub("", text)
-        return text.strip()
+        return code_of(line)
 
     def is_layer(self, line: str) -> bool:
         """Whether a line is a comment that begins a layer."""

@@ -7,12 +7,12 @@ from enum import Enum
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
+from fdjax.gcode.state import GcodeState
 from fdjax.machine.control import heats, modes
-from fdjax.machine.gcode_state import GcodeState
-from fdjax.machine.moves import Position
 from fdjax.machine.program import Program, State
 from fdjax.machine.protocols.base import same
 from fdjax.machine.sml_state import SmlState
+from fdjax.moves import Position
 
 PLANNED = 16
 """Moves that a machine may have taken and not made when its power failed."""

@@ -4,15 +4,17 @@ The language is that of `formats.sml_reader`; its facts and its assumptions are 
 interpreter for the check before sending, the time that is left and the virtual machine.
 """
 
+import math
 import re
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
 
+from fdjax.arcs import arc_points
 from fdjax.errors import InputError
 from fdjax.formats.profile import Sml
-from fdjax.machine.moves import Move, Point
+from fdjax.moves import Move, Point
 from fdjax.units import MICROSTEP
 
 _COMMAND = re.compile(r"([A-Za-z]{2})([-+.,\d\s]*)")
@@ -182,17 +184,13 @@ class SmlState:
         return (Move(start, self.on_bed, HOMING_SPEED),)
 
     def _arc(self, name: str, x: float, y: float, degrees: float) -> tuple:
-        import math
-
-        from fdjax.formats.arcs import arc_points  # its arrays are loaded for arcs only
-
         centre = (x, y) if name == "AA" else (self.x + x, self.y + y)
         points = arc_points(
             (self.x * MICROSTEP, self.y * MICROSTEP),
             (centre[0] * MICROSTEP, centre[1] * MICROSTEP),
             math.radians(degrees),
         )
-        return tuple((px / MICROSTEP, py / MICROSTEP) for px, py in points.tolist())
+        return tuple((px / MICROSTEP, py / MICROSTEP) for px, py in points)
 
     def _lay(self, path: tuple[tuple[float, float], ...]) -> tuple[Move, ...]:
         """A move or a continuous path is over: travel, or a road with the flow that MM gives it.

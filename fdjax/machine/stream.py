@@ -13,13 +13,14 @@ from fdjax.formats.profile import Machine
 from fdjax.machine import connect
 from fdjax.machine.control import Commands, commands_of
 from fdjax.machine.entry import Entry, entry_of
-from fdjax.machine.moves import Position
-from fdjax.machine.ports import AbstractPort, PortLost, open_port
+from fdjax.machine.port import AbstractPort, PortLost
+from fdjax.machine.ports import open_port
 from fdjax.machine.program import Command, Program, State
 from fdjax.machine.protocols import AbstractProtocol
 from fdjax.machine.protocols.base import position
 from fdjax.machine.resume import Point
 from fdjax.machine.survey import survey
+from fdjax.moves import Position
 
 TICK = 0.1
 """Seconds after which controls are looked at, at the latest."""
@@ -70,9 +71,11 @@ class Stream:
         self.program = program
         self.port = port
         self.protocol = speaks
-        self.state = program.state()
+        self.state = program.state(speaks.firmware)
         self._after = 0  # the last line of the file that is not sent
-        self._aside: State = program.state()  # while lines are sent that are not the file's
+        self._aside: State = program.state(
+            speaks.firmware
+        )  # while lines are sent that are not the file's
         self._starts = list(starts)
         self._extra: deque[str] = deque()
         self._on_event = on_event
@@ -245,7 +248,9 @@ class Stream:
         try:
             entry = entry_of(text, line, state)
         except InputError as error:
-            raise StreamError(f"line {line}: {error}") from None
+            changed = self.program.has_changed  # and the line was cut off
+            why = "the file has changed" if changed else f"line {line}: {error}"
+            raise StreamError(why) from None
         self.protocol.push(entry, now)
 
     def _exchange(self, on_position: Callable[[str], object] = lambda text: None) -> bytes:

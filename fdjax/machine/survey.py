@@ -3,19 +3,18 @@
 import os
 import re
 import sys
-from bisect import bisect_right
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf
-from pathlib import Path
 
 from fdjax.errors import InputError
-from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Finding, Findings
-from fdjax.machine.gcode_state import GcodeState, parse
+from fdjax.gcode.state import GcodeState
+from fdjax.gcode.words import parse
+from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Findings
 from fdjax.machine.motion import MotionTime
-from fdjax.machine.moves import Move, Point
 from fdjax.machine.program import Program
 from fdjax.machine.sml_state import SmlState
+from fdjax.machine.surveyed import LayerStart, Survey
+from fdjax.moves import Move, Point
 
 _PRINTERS = frozenset({"auto", "marlin", "klipper", "rrf"})
 _HALTS = frozenset({"G28", "$H", "M109", "M190", "M400"})
@@ -25,63 +24,6 @@ _END = re.compile(r"\W*fdjax end\s*$")
 _LEAST = -1e-6
 """How far off the bed a move may be, by rounding, mm."""
 _STEP = 20_000
-
-
-@dataclass(frozen=True)
-class LayerStart:
-    """A layer's first line in the file, its z in mm if it deposits, and the seconds before it."""
-
-    line: int
-    z: float | None
-    seconds: float
-
-
-@dataclass(frozen=True)
-class Survey:
-    """What a file will do.
-
-    - `lines`: of the file; `commands`: how many of them are sent.
-    - `seconds`: that motion and waits take; heating and homing come on top.
-    - `volume`: of material, mm^3; `filament`: mm of it, 0 for SML; `grams`: by the machine's
-      density. What is pulled back and pushed again counts once; priming counts.
-    - `deposits`, `moves`: smallest and largest x, y, z on the bed, mm, of deposits other than the
-      priming that fdjax marks, and of all motion but homing; None where there is none.
-    - `nozzle`, `bed`: the highest temperatures asked for, degrees Celsius.
-    """
-
-    lines: int
-    commands: int
-    layers: tuple[LayerStart, ...]
-    seconds: float
-    volume: float
-    filament: float
-    grams: float
-    deposits: tuple[Point, Point] | None
-    moves: tuple[Point, Point] | None
-    nozzle: float
-    bed: float
-    findings: tuple[Finding, ...]
-
-    @property
-    def errors(self) -> tuple[Finding, ...]:
-        """The findings that forbid sending."""
-        return tuple(finding for finding in self.findings if finding.severity == "error")
-
-    def refuse(self, path: Path) -> None:
-        """Raise `InputError` for a file that must not be sent."""
-        if self.errors:
-            more = len(self.errors) - 1
-            first = str(self.errors[0]).removeprefix("error: ")
-            raise InputError(f"{path}: {first}" + (f"; and {more} more" if more else ""))
-
-    @property
-    def starts(self) -> list[int]:
-        """The file lines at which layers begin."""
-        return [layer.line for layer in self.layers]
-
-    def layer_of(self, line: int) -> int:
-        """The layer that a file line lies in, from 1; 0 before the first."""
-        return bisect_right(self.layers, line, key=lambda layer: layer.line)
 
 
 def survey(
@@ -104,6 +46,10 @@ def survey(
         if progress is not None and number % _STEP == 0:
             progress(min(done / size, 1.0))
     return surveyor.result(number)
+
+
+def _nothing(line: str) -> None:
+    """SML has no line that all others are like."""
 
 
 class _Box:
@@ -135,6 +81,7 @@ class _Surveyor:
         self._firmware = "sml" if sml else stream.firmware
         self._room = [side - _LEAST for side in program.machine.bed]
         self._strip = program.code
+        self._plain = self._state.plain if isinstance(self._state, GcodeState) else _nothing
         self._run = self._run_sml if sml else self._run_gcode
         self._longest = longest or LONGEST.get(self._firmware, 0)
         self._short = self._longest - 20 if self._longest else sys.maxsize  # a frame takes 17
@@ -159,6 +106,12 @@ class _Surveyor:
 
     def take(self, number: int, line: str) -> None:
         """Take the next line of the file."""
+        move = self._plain(line) if len(line) <= self._short else None
+        if move is not None:
+            self._line = number
+            self._commands += 1
+            self._follow(move)
+            return
         text = self._strip(line)
         if not text:
             if self._program.is_layer(line):
@@ -178,18 +131,21 @@ class _Surveyor:
             self._refuse(text, error)
             return
         for move in moves:
-            start, end, _, volume, _ = move
-            if start != end:
-                if self._unhomed:
-                    self._check_home(start, end)
-                self._moves.add(end)
-                x, y, z = end
-                a, b, c = self._room
-                if not (_LEAST <= x <= a and _LEAST <= y <= b and _LEAST <= z <= c):
-                    self._outside(end)
-            if volume:
-                self._deposit(start, end, volume)
-            self._motion.add(move)
+            self._follow(move)
+
+    def _follow(self, move: Move) -> None:
+        start, end, _, volume, _ = move
+        if start != end:
+            if self._unhomed:
+                self._check_home(start, end)
+            self._moves.add(end)
+            x, y, z = end
+            a, b, c = self._room
+            if not (_LEAST <= x <= a and _LEAST <= y <= b and _LEAST <= z <= c):
+                self._outside(end)
+        if volume:
+            self._deposit(start, end, volume)
+        self._motion.add(move)
 
     def _run_gcode(self, text: str) -> tuple[Move, ...]:
         moves = self._state.run(text)
@@ -207,6 +163,8 @@ class _Surveyor:
         self._macros = self._macros or name == "M98"
         if name in _HALTS:
             self._motion.flush()
+        if name == "M204" and isinstance(self._state, GcodeState):
+            self._motion.accelerate(self._state.accelerations)
         self._see()
         return () if name in ("G28", "$H") else moves
 

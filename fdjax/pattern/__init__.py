@@ -1,0 +1,17 @@
+"""Patterns by name."""
+
+from importlib import import_module
+
+from fdjax.pattern.base import AbstractSettings
+
+PATTERNS = {
+    "isolines": "isolines:Isolines",
+    "grid-lines": "map_lines:MapLines",
+}
+"""Each kind of pattern: the file here and the settings in it. A new one is a line here."""
+
+
+def settings_of(kind: str) -> type[AbstractSettings]:
+    """The settings of a kind of pattern, a frozen dataclass; its file is loaded on first use."""
+    module, _, name = PATTERNS[kind].partition(":")
+    return getattr(import_module(f"fdjax.pattern.{module}"), name)

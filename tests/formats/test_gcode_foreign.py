@@ -1,10 +1,11 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
 from fdjax.errors import InputError
-from fdjax.formats import gcode, profile
+from fdjax.formats import gcode, profile, read_file
 from fdjax.road.bead import road_width
 
 AREA = math.pi / 4 * 1.75**2
@@ -62,7 +63,7 @@ def test_inches():
 def test_relative_moves_and_offsets():
     text = (
         "G1 Z0.2\nG1 X5 Y5\nG92 X0 Y0 E10\nM83\nG1 X10 Y0 E1\nG91\nG1 X0 Y10 E1\n"
-        "G90\nG1 X0 Y10 E1\n"
+        "G90\nM83\nG1 X0 Y10 E1\n"
     )
     road = only_road(text)
     np.testing.assert_allclose(road.xy, [(5, 5), (15, 5), (15, 15), (5, 15)])
@@ -86,12 +87,12 @@ def test_filament_that_is_owed_comes_first():
     assert volume("M83\nG1 Z0.2\nG1 E-1\nG1 X10 E1.5\n") == pytest.approx(0.5)
 
 
-def test_several_tools_have_an_e_of_their_own():
-    text = "G1 Z0.2\nG1 X10 E5\nT1\nG1 X20 E2\nG1 E0.5\nT0\nG1 E5\nG1 X30 E6\nT1\nG1 X40 E4\n"
+def test_tools_share_one_absolute_e_as_in_marlin():
+    text = "G1 Z0.2\nG1 X10 E5\nT1\nG1 X20 E7\nG1 E5.5\nT0\nG1 E5\nG1 X30 E6\nT1\nG1 X40 E9\n"
     build = read(text)
     assert [road.material for road in build.layers[0].roads] == [0, 1, 0, 1]
     volumes = [road.segment_volumes(0.2).sum() / AREA for road in build.layers[0].roads]
-    assert volumes == pytest.approx([5, 2, 1, 2])  # tool 1 pulled 1.5 back: 3.5 less 1.5
+    assert volumes == pytest.approx([5, 2, 0.5, 1.5])  # each tool returns first what it owes
 
 
 @pytest.mark.parametrize(
@@ -154,7 +155,6 @@ def test_filament_from_the_profile():
         ("G1 Z0.2\nG2 X10 Y0 E1\n", "line 2: an arc needs I and J"),
         ("G1 Z0.2\nG2 X10 Y0 R3 E1\n", "line 2: no arc of radius 3 mm"),
         ("G18\nG2 X10 Y0 I5 E1\n", "line 2: .* G18"),
-        ("M200 D1.75\nG1 X10 E1\n", "line 1: volumetric"),
         ("G1 X10 E1\n", "Z = 0 mm tell no layer height"),
         ("G1 Z0.2\nG1 X10 Z0.4 E1\n", "line 2: deposits while Z moves"),
     ],
@@ -168,3 +168,57 @@ def test_what_cannot_be_read(text, message):
 def test_absurd_options(options):
     with pytest.raises(InputError, match="positive length"):
         read("G1 Z0.2\nG1 X10 E1\n", **options)
+
+
+def test_flow_and_volumetric_e_scale_what_is_read():
+    text = "M83\nG1 Z0.2\nG1 X10 E1\nM221 S50\nG0 Y5\nG1 X0 E1\n"
+    assert volume(text) == pytest.approx(1.5)
+    text = "M200 D1.75\nM83\nG1 Z0.2\nG1 X10 E2\n"
+    assert gcode.read(text).volume == pytest.approx(2)
+    assert read(text).volume == pytest.approx(2)
+
+
+def test_g90_makes_e_absolute_as_in_marlin_unless_the_machine_runs_another():
+    text = "M83\nG90\nG1 Z0.2\nG1 X10 E1\nG1 X20 E2\n"
+    assert volume(text) == pytest.approx(2)
+    marlin = profile.load("marlin-0.4")
+    stream = dataclasses.replace(marlin.stream, firmware="klipper")
+    klipper = dataclasses.replace(marlin, stream=stream)
+    assert volume(text, machine=klipper) == pytest.approx(3)
+
+
+def test_lines_without_a_command_go_on():
+    assert volume("M83\nG1 Z0.2\nG1 F600\nX10 Y0 E1\nX10 Y9 E1\n") == pytest.approx(2)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("G1 X10 E6.65e-01", "line 2: 'E6.65e-01' has an exponent"),
+        ("G1 X10 A0.6", "line 2: A0.6 moves an axis that is not known"),
+        ("G90 G1 X5 E1", "line 2: G1 stands behind G90"),
+    ],
+)
+def test_what_cannot_be_followed_is_named(line, message):
+    with pytest.raises(InputError, match=message):
+        read(f"G1 Z0.2\n{line}\n")
+
+
+@pytest.mark.parametrize("text", ["M0 Insert the nuts T T", "M117 E1 E2 ?", "M600", "M73 P% R5"])
+def test_messages_and_what_is_not_followed_are_passed_over(text):
+    assert volume(f"M83\nG1 Z0.2\nG1 X10 E1\n{text}\nG1 X20 E1\n") == pytest.approx(2)
+
+
+def test_a_diameter_for_each_tool():
+    text = "M83\nG1 Z0.2\nT0\nG1 X10 E1\nT1\nG0 Y2\nG1 X0 E1\n; filament_diameter = 1.75,2.85\n"
+    both = math.pi / 4 * (1.75**2 + 2.85**2)
+    assert gcode.read(text).volume == pytest.approx(both)
+    assert gcode.read(text, filament=[1.75, 2.85]).volume == pytest.approx(both)
+    assert read(text).volume == pytest.approx(2 * AREA)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-8-sig"])
+def test_files_that_an_editor_rewrote(tmp_path, encoding):
+    path = tmp_path / "part.gcode"
+    path.write_text("; made by hand\nM83\nG1 Z0.2\nG1 X10 E1\n", encoding=encoding)
+    assert read_file(path, filament=1.75).volume == pytest.approx(AREA)

@@ -4,7 +4,7 @@ import pytest
 from streams import PRINTER, gcode, program, send, stream
 
 from fdjax.errors import StreamError
-from fdjax.machine.gcode_state import GcodeState
+from fdjax.gcode.state import GcodeState
 from fdjax.machine.program import Program
 from fdjax.machine.protocols.marlin import MarlinProtocol
 from fdjax.machine.stream import Stream

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from fdjax.formats import profile
 from fdjax.machine.motion import MotionTime
-from fdjax.machine.moves import Move
 from fdjax.machine.program import Program
 from fdjax.machine.survey import survey
+from fdjax.moves import Move
 
 MARLIN = profile.load("marlin-0.4")
 
@@ -188,3 +188,19 @@ def test_agrees_with_printrun(tmp_path, lines):
     with file.open() as text:
         theirs = sum(layer.duration for layer in gcoder.GCode(text).all_layers)
     assert ours == pytest.approx(theirs, rel=0.1)
+
+
+def test_roads_travel_and_filament_have_accelerations_of_their_own():
+    """100 mm at 50 mm/s from stop to stop: 2 s, and 50 mm/s / acceleration."""
+    for volume, letter in ((1.0, "P"), (0.0, "T")):
+        time = MotionTime(acceleration=1000.0, corner_speed=0.0)
+        time.accelerate({letter: 100.0})
+        time.add(Move((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), 50.0, volume))
+        time.flush()
+        time.add(Move((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), 50.0, 1.0 - volume))
+        time.flush()
+        assert time.seconds == pytest.approx(2.5 + 2.05)
+    time = MotionTime(acceleration=1000.0, corner_speed=0.0)
+    time.accelerate({"R": 100.0})
+    time.add(Move((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 50.0, 1.0, seconds=2.0))
+    assert time.seconds == pytest.approx(2.5)

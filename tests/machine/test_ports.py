@@ -8,10 +8,12 @@ import pytest
 from streams import FIRMWARE, PRINTER, STRATASYS, gcode, program
 
 from fdjax.errors import InputError
-from fdjax.machine import connect, ports, virtual
-from fdjax.machine.ports import PortLost, SerialPort, open_port
+from fdjax.machine import connect, serial_port, virtual
+from fdjax.machine.port import PortLost
+from fdjax.machine.ports import open_port
 from fdjax.machine.program import Program
 from fdjax.machine.protocols import protocol
+from fdjax.machine.serial_port import SerialPort
 from fdjax.machine.stream import Stream
 from fdjax.machine.virtual.serve import PseudoTerminal
 
@@ -137,7 +139,7 @@ def test_a_port_that_returns_under_another_name_is_found_by_its_number(monkeypat
 
     first, second = PseudoTerminal(), PseudoTerminal()
     here = [SimpleNamespace(device=first.name, serial_number="A1", description="")]
-    monkeypatch.setattr(ports, "_present", lambda: here)
+    monkeypatch.setattr(serial_port, "present", lambda: here)
     port = SerialPort(first.name, PRINTER.stream)
     first.close()
     here.clear()

@@ -13,9 +13,8 @@ from streams import PRINTER, gcode, sml, units
 
 from fdjax.errors import InputError
 from fdjax.machine import journal, resume
-from fdjax.machine.gcode_state import GcodeState
 from fdjax.machine.journal import Job, Journal
-from fdjax.machine.program import Program
+from fdjax.machine.program import Program, switched_on
 from fdjax.machine.resume import Standing
 from fdjax.machine.virtual.marlin import VirtualMarlin
 from fdjax.machine.virtual.serve import PseudoTerminal
@@ -147,7 +146,7 @@ def test_the_way_back_rebuilds_the_state(tmp_path):
     program = gcode(tmp_path / "job.gcode", 400)
     point = resume.Points(program, [], 300).kept
     for stands in Standing:
-        state = GcodeState.of(PRINTER)
+        state = switched_on(PRINTER, "marlin")
         height = point.state.on_bed[2]
         lines = resume.way_back(point, PRINTER, stands, height=height)
         assert not any(text.startswith("G28") and text != "G28 X Y" for text in lines)
@@ -159,6 +158,16 @@ def test_the_way_back_rebuilds_the_state(tmp_path):
         assert state.on_bed == pytest.approx(wanted.on_bed, abs=1e-3)
         assert state.e == pytest.approx(wanted.e, abs=1e-5)
         assert state.speed == pytest.approx(wanted.speed)
+
+
+def test_the_way_back_brings_flow_speed_and_all_fans(tmp_path):
+    program = layered(tmp_path / "job.gcode")
+    text = program.path.read_text().replace("G28\n", "G28\nM220 S80\nM221 S92\nM106 P2 S255\n", 1)
+    program.path.write_text(text)
+    program = Program(program.path, PRINTER)
+    point = resume.at_layer(program, starts(program), 4)
+    lines = resume.way_back(point, PRINTER, Standing.LOST, height=0.8)
+    assert {"M220 S80", "M221 S92", "M106 S60", "M106 P2 S255"} <= set(lines)
 
 
 def test_sml_goes_on_between_roads_and_only_with_power(tmp_path):

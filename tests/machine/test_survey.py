@@ -114,6 +114,30 @@ def test_what_is_pulled_back_and_returned_counts_once(tmp_path):
     assert look(tmp_path, text).filament == pytest.approx(6)
 
 
+@pytest.mark.parametrize(
+    ("lines", "share"), [("M221 S50", 0.5), ("M220 S50", 1), ("M200 D1.75", 1 / 2.405281875)]
+)
+def test_flow_and_volumetric_e_scale_the_material(tmp_path, lines, share):
+    found = look(tmp_path, GOOD.replace("M83", f"M83\n{lines}"))
+    assert found.volume == pytest.approx(share * look(tmp_path, GOOD).volume)
+
+
+def test_speed_factor_and_accelerations_change_the_time(tmp_path):
+    plain = look(tmp_path, GOOD).seconds
+    assert look(tmp_path, GOOD.replace("M83", "M83\nM220 S50")).seconds > 1.8 * plain
+    assert look(tmp_path, GOOD.replace("M83", "M83\nM204 P20")).seconds > plain + 1
+    assert look(tmp_path, GOOD.replace("M83", "M83\nM204 P1000 T1000")).seconds == plain
+
+
+def test_a_file_in_utf_16_is_named_as_such(tmp_path):
+    path = tmp_path / "part.gcode"
+    path.write_text(GOOD, encoding="utf-16")
+    with pytest.raises(InputError, match="UTF-16"):
+        Program(path, MARLIN)
+    path.write_text(GOOD, encoding="utf-8-sig")
+    assert survey(Program(path, MARLIN)).findings == ()
+
+
 def test_boxes(tmp_path):
     found = look(tmp_path, GOOD.replace("G0 Z0.4", "G0 X0 Y200 Z0.4"))
     assert found.deposits == ((0, 10, 0.2), (60, 200, 0.4))
@@ -135,6 +159,10 @@ def test_boxes(tmp_path):
         ("G0 Z0.4", "M112", "forbidden", 12),
         ("G0 Z0.4", "M0", "forbidden", 12),
         ("G0 Z0.4", "M01", "forbidden", 12),
+        ("G0 Z0.4", "M0 Insert the nuts", "forbidden", 12),
+        ("G0 Z0.4", "G91 G1 X5", "unknown", 12),
+        ("G0 Z0.4", "G1 X20 A0.6", "unknown", 12),
+        ("G0 Z0.4", "G1 X20 E6.65e-01", "unknown", 12),
         ("G0 Z0.4", "M28 a.gco", "forbidden", 12),
         ("G0 Z0.4", "M30 a.gco", "forbidden", 12),
         ("G0 Z0.4", "M502", "forbidden", 12),

@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from fdjax.errors import StreamError
 from fdjax.machine.entry import Entry
-from fdjax.machine.moves import Position
+from fdjax.moves import Position
 
 LONGEST_ANSWER = 4096
 """Bytes without a line's end that are no answer of any machine."""

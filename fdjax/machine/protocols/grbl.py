@@ -8,8 +8,8 @@ change that. Without the field, characters are counted: `ok` releases the oldest
 import re
 
 from fdjax.machine.entry import Entry
-from fdjax.machine.moves import Position
 from fdjax.machine.protocols.base import AbstractProtocol, is_ok, same
+from fdjax.moves import Position
 
 BUFFER = 127
 """Bytes on their way: one less than the receive buffer."""

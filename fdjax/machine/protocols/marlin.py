@@ -11,7 +11,6 @@ import re
 from collections import deque
 
 from fdjax.machine.entry import Entry
-from fdjax.machine.moves import Position
 from fdjax.machine.protocols.base import (
     AbstractProtocol,
     checksum,
@@ -19,6 +18,7 @@ from fdjax.machine.protocols.base import (
     position,
     same,
 )
+from fdjax.moves import Position
 
 BUFFER = 127
 """Bytes that the machine's serial buffer holds, as a rule."""

@@ -7,8 +7,8 @@ after all that it said of earlier lines.
 from abc import abstractmethod
 from typing import ClassVar
 
-from fdjax.machine.moves import Position
 from fdjax.machine.protocols.base import AbstractProtocol, is_ok, position, same
+from fdjax.moves import Position
 
 QUIET = 0.5
 """Seconds of silence after which no late answer is expected any more."""

@@ -4,8 +4,8 @@ from abc import ABC, abstractmethod
 from collections import deque
 
 from fdjax.formats.profile import Machine
-from fdjax.machine.moves import Move
 from fdjax.machine.virtual.printed import Print
+from fdjax.moves import Move
 
 BOOT = 1.0
 """Seconds that a reboot takes."""

@@ -4,7 +4,9 @@ from collections import deque
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
-from fdjax.machine.gcode_state import GcodeState, parse
+from fdjax.gcode.state import GcodeState
+from fdjax.gcode.words import parse
+from fdjax.machine.program import switched_on
 from fdjax.machine.virtual.base import AbstractVirtualMachine
 
 AMBIENT = 21.0
@@ -56,6 +58,8 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
     """
 
     firmware: str
+    dialect: str
+    """Name of the firmware whose reading of G-code it has."""
     queue_length = 4
 
     def __init__(self, machine: Machine, **options) -> None:
@@ -72,7 +76,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         return {name: Heater(rate * faster) for name, rate in _HEATING.items()}
 
     def _fresh(self) -> GcodeState:
-        return GcodeState.of(self.machine)
+        return switched_on(self.machine, self.dialect)
 
     def _forget(self) -> None:
         self.state = self._fresh()
@@ -155,11 +159,11 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         if pushes and self.heaters["T"].at(self.now) < COLDEST:
             self.say("echo: cold extrusion prevented")
             moves = tuple(move._replace(volume=0.0) for move in moves)
-        state = self.state
-        for axis, size, shift in zip("xyz", self.bed, state.shift, strict=True):
-            here = getattr(state, axis) + shift
-            if not 0 <= here <= size:
-                setattr(state, axis, min(max(here, 0.0), size) - shift)
+        x, y, z = (
+            min(max(place, 0.0), size)
+            for place, size in zip(self.state.on_bed, self.bed, strict=True)
+        )
+        self.state.on_bed = (x, y, z)
         return moves
 
     def _answers_to(self, name: str, words: dict[str, float]) -> bool:

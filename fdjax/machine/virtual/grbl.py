@@ -5,7 +5,9 @@ It has no extruder: what it lays down is its spindle's or its dispenser's power 
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
-from fdjax.machine.gcode_state import GcodeState, parse
+from fdjax.gcode.firmware import firmware_of
+from fdjax.gcode.state import GcodeState
+from fdjax.gcode.words import parse
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
 BUFFER = 128
@@ -22,6 +24,7 @@ class VirtualGrbl(AbstractGcodeMachine):
     """See the module."""
 
     firmware = "grbl"
+    dialect = "grbl"
     banner = "Grbl 1.1h ['$' for help]"
     queue_length = 1
 
@@ -32,7 +35,7 @@ class VirtualGrbl(AbstractGcodeMachine):
         self._verdict = "ok"
 
     def _fresh(self) -> GcodeState:
-        return GcodeState(area_per_power=AREA_PER_POWER)
+        return GcodeState(firmware_of(self.dialect), area_per_power=AREA_PER_POWER)
 
     def _forget(self) -> None:
         super()._forget()

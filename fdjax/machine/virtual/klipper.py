@@ -12,6 +12,7 @@ class VirtualKlipper(AbstractGcodeMachine):
     """See the module. Numbers and checksums are passed over."""
 
     firmware = "Klipper"
+    dialect = "klipper"
     banner = "// Klipper state: Startup"
     queue_length = 1_000_000
 

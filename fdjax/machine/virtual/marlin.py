@@ -19,6 +19,7 @@ class VirtualMarlin(AbstractGcodeMachine):
     """
 
     firmware = "Marlin 2.1 (virtual)"
+    dialect = "marlin"
     banner = "start"
     receive_buffer = 127
     longest = 95

@@ -3,7 +3,7 @@
 import time
 from collections import deque
 
-from fdjax.machine.ports import AbstractPort, PortLost
+from fdjax.machine.port import AbstractPort, PortLost
 from fdjax.machine.virtual.base import AbstractVirtualMachine
 from fdjax.machine.virtual.faults import Faults
 

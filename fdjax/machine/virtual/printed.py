@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TextIO
 
 from fdjax.errors import InputError
-from fdjax.machine.moves import Move
 from fdjax.machine.program import Program
+from fdjax.moves import Move
 
 _DIAMETER = 1.75
 _AREA = math.pi / 4 * _DIAMETER**2

@@ -14,6 +14,7 @@ class VirtualRepRapFirmware(AbstractGcodeMachine):
     """See the module. M575 P0 S1 makes it drop lines without a checksum too."""
 
     firmware = "RepRapFirmware for Duet (virtual)"
+    dialect = "rrf"
     banner = "RepRapFirmware for Duet is starting up"
     queue_length = 8
 

@@ -1,9 +1,6 @@
-"""Arcs of machine files as polylines."""
+"""Arcs of machine files as polylines; plain numbers, so that a sender loads no arrays."""
 
 import math
-
-import numpy as np
-from numpy.typing import NDArray
 
 from fdjax.errors import InputError
 
@@ -13,23 +10,25 @@ SAGITTA = 0.01
 """Largest distance between an arc and its polyline, mm."""
 
 
-def arc_points(
-    start: tuple[float, float], centre: tuple[float, float], sweep: float
-) -> NDArray[np.float64]:
-    """Points after `start` along the arc about `centre`, shape (n, 2), evenly spaced.
+def arc_points(start: Point, centre: Point, sweep: float) -> list[Point]:
+    """Points after `start` along the arc about `centre`, evenly spaced.
 
     `sweep` is in radians, counter-clockwise positive. Lengths in mm.
 
-    >>> arc_points((1.0, 0.0), (0.0, 0.0), math.pi)[-1].round(9)
-    array([-1.,  0.])
+    >>> x, y = arc_points((1.0, 0.0), (0.0, 0.0), math.pi)[-1]
+    >>> round(x, 9), round(y, 9)
+    (-1.0, 0.0)
     """
     dx, dy = start[0] - centre[0], start[1] - centre[1]
     radius = math.hypot(dx, dy)
     step = 2 * math.acos(max(1 - SAGITTA / radius, 0.5)) if radius > 0 else math.pi
     count = max(2, math.ceil(abs(sweep) / step))
-    angle = sweep * np.arange(1, count + 1) / count
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.stack([centre[0] + dx * cos - dy * sin, centre[1] + dx * sin + dy * cos], 1)
+    points = []
+    for number in range(1, count + 1):
+        angle = sweep * number / count
+        cos, sin = math.cos(angle), math.sin(angle)
+        points.append((centre[0] + dx * cos - dy * sin, centre[1] + dx * sin + dy * cos))
+    return points
 
 
 def between(start: Point, end: Point, centre: Point, turn: int) -> list[Point]:
@@ -39,9 +38,7 @@ def between(start: Point, end: Point, centre: Point, turn: int) -> list[Point]:
     """
     angles = [math.atan2(p[1] - centre[1], p[0] - centre[0]) for p in (start, end)]
     sweep = (angles[1] - angles[0]) * turn % (2 * math.pi) or 2 * math.pi
-    points = arc_points(start, centre, turn * sweep)
-    points[-1] = end
-    return [(x, y) for x, y in points.tolist()]
+    return [*arc_points(start, centre, turn * sweep)[:-1], end]
 
 
 def centre(start: Point, end: Point, radius: float, turn: int) -> Point:

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from fdjax.errors import InputError
 from fdjax.formats import gcode, profile, read_file, write_file
-from fdjax.machine.gcode_state import GcodeState, parse
+from fdjax.gcode.firmware import GRBL, KLIPPER, REPRAP
+from fdjax.gcode.state import GcodeState
+from fdjax.gcode.words import code_of, parse
 from fdjax.machine.program import Program
 
 sys.path.append(str(Path(__file__).parents[1] / "formats"))
@@ -103,7 +105,6 @@ def test_filament_is_absolute_relative_and_reset():
     state, moves = after(*lines)
     pushed = [move.volume / state.filament_area for move in moves]
     assert pushed == pytest.approx([2, 1, 1, 1, -0.5])
-    assert state.filament == pytest.approx(4.5)
     assert moves[-1].seconds == pytest.approx(0.05)
     assert moves[-1].start == moves[-1].end
 
@@ -143,7 +144,8 @@ def test_arcs_without_a_centre_are_refused(code):
 
 
 def test_several_commands_in_a_line():
-    state, moves = after("G21 G91", "G90 G0 X5 Y5 F600", "G1X7M8", "X-1.5")
+    lines = ("G21 G91", "G90 G0 X5 Y5 F600", "G1X7M8", "X-1.5")
+    state, moves = after(*lines, firmware=GRBL)
     assert state.absolute
     assert [move.end[0] for move in moves] == [5, 7, -1.5]
 
@@ -182,3 +184,117 @@ def test_deposits_what_any_file_holds(build, data, tmp_path_factory):
     moves = [move for command in program.commands() for move in state.run(command.text)]
     held = gcode.read(path.read_text(), machine=BARE) if any(m.volume > 0 for m in moves) else None
     assert deposited(moves) == pytest.approx(volume_of(held) if held else 0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "modes", "relative"),
+    [
+        (None, ["M83", "G90"], False),  # Marlin: G90 and G91 set E's mode too
+        (None, ["G91"], True),
+        (None, ["G91", "M82"], False),  # and M82 after them sets it again
+        (None, ["G90", "M83"], True),
+        (KLIPPER, ["M83", "G90"], True),
+        (KLIPPER, ["G91"], True),
+        (KLIPPER, ["G91", "M82"], True),
+        (KLIPPER, ["G91", "G90"], False),
+        (REPRAP, ["G91"], False),
+        (REPRAP, ["M83", "G90"], True),
+    ],
+)
+def test_the_mode_of_e_is_the_firmwares(firmware, modes, relative):
+    state, _ = after("G92 E5", *modes, **({"firmware": firmware} if firmware else {}))
+    (move,) = state.run("G1 X10 E6")
+    assert move.volume / state.filament_area == pytest.approx(6 if relative else 1)
+
+
+def test_flow_of_each_tool():
+    lines = ("M83", "M221 S50", "M221 T1 S200", "G1 X1 E1", "T1", "G1 X2 E1", "T2", "G1 X3 E1")
+    state, moves = after(*lines)
+    assert [move.volume / state.filament_area for move in moves] == pytest.approx([0.5, 2, 1])
+    assert state.e == 3  # what the machine reports is not scaled
+
+
+def test_volumetric_e_is_what_is_deposited():
+    lines = ("M83", "M200 D1.75", "G1 X1 E2", "M200 S0", "G1 X2 E1", "M200 S1", "G1 X3 E2")
+    _, moves = after(*lines, "M200 D0", "G1 X4 E1", filament_area=3.0)
+    assert [move.volume for move in moves] == pytest.approx([2, 3, 2, 3])
+    (move,) = after("M83", "M200 D1.75", "M221 S50", "G20", "G1 X1 E2")[1]
+    assert move.volume == pytest.approx(25.4**3)  # cubic inches
+
+
+def test_speed_factor_scales_the_speed_until_it_is_brought_back():
+    lines = ("G1 X1 F600", "M220 S50", "G1 X2", "M220 B S200", "G1 X3 F600", "M220 R", "G1 X4")
+    state, moves = after(*lines)
+    assert [move.speed for move in moves] == pytest.approx([10, 5, 20, 5])
+    assert state.speed == 10
+
+
+def test_absolute_e_goes_on_after_a_change_of_tool():
+    state, moves = after("G1 X1 E2", "T1", "G1 X2 E3")
+    assert moves[1].volume == pytest.approx(state.filament_area)
+
+
+def test_each_tool_has_its_filament():
+    _, moves = after("M83", "G1 X1 E1", "T1", "G1 X2 E1", areas={0: 2.0, 1: 5.0})
+    assert [move.volume for move in moves] == [2, 5]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["M117 Take T1 then T2", "M0 Insert the nuts", "M1 to go on, press", "M118 E1 A1 E2", "M117 E"],
+)
+def test_texts_are_no_words(text):
+    name = text.split()[0]
+    assert parse(text) == (name, {})
+    state, moves = after(text)
+    assert not moves
+    assert state.tool == 0
+
+
+def test_a_message_keeps_its_parentheses():
+    assert code_of("N3 M117 Layer (2) of 9 ; aside") == "M117 Layer (2) of 9"
+    assert code_of("G1 (a; b) X1 ; c") == "G1  X1"
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("G1 X1 E6.65e-01", "'E6.65e-01' has an exponent"),
+        ("G1 X1 E6.65E-01", "'E6.65E-01' has an exponent"),
+        ("G1 X1e-5 Y2", "'X1e-5' has an exponent"),
+        ("G1 X1 A0.6", "A0.6 moves an axis that is not known"),
+        ("G1 X1 E", "'E' is no letter with a number"),
+        ("X1 E2", "'X1 E2' goes on with no motion"),
+        ("G90 G1 X5", "G1 stands behind G90"),
+        ("G1 X5 M106", "M106 stands behind G1"),
+        ("G18", ""),
+    ],
+)
+def test_what_cannot_be_followed(line, message):
+    if message:
+        with pytest.raises(InputError, match=message):
+            after(line)
+    else:
+        with pytest.raises(InputError, match="out of the XY plane"):
+            after(line, "G2 X5 R5")
+
+
+def test_compact_lines_have_no_exponents():
+    assert parse("G1X1E-5") == ("G1", {"X": 1, "E": -5})
+    assert parse("g1x1e-5") == ("G1", {"X": 1, "E": -5})
+
+
+def test_words_alone_go_on_with_the_last_motion():
+    state, moves = after("M83", "G1 F600", "X10 E1", "G0 X0", "Y5")
+    assert [move.end[:2] for move in moves] == [(0, 0), (10, 0), (0, 0), (0, 5)]
+    assert moves[1].volume == pytest.approx(state.filament_area)
+    assert after("X5", firmware=GRBL)[1][0].end[0] == 5
+
+
+def test_fans_have_numbers():
+    state, _ = after("M106 S100", "M106 P2 S255", "M107")
+    assert state.fans == {0: 0, 2: 255}
+
+
+def test_accelerations_are_those_of_m204():
+    assert after("M204 S500 T800", "M204 R300")[0].accelerations == {"P": 500, "T": 800, "R": 300}

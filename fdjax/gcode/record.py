@@ -1,0 +1,171 @@
+"""The record of what is in force in a printer between two lines of G-code."""
+
+import math
+from collections.abc import Mapping, Set
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+from fdjax.gcode.firmware import MARLIN, Firmware
+from fdjax.moves import Point, Position
+
+_SLOWEST = 1e-3
+"""mm/s; what F0 is taken for."""
+
+
+@dataclass(slots=True)
+class Record:
+    """A printer between two lines; lengths in mm, speeds in mm/s.
+
+    - `firmware`: whose reading of G-code holds.
+    - `filament_area`: mm^2 of the filament's section, `areas`: of tools whose filament is another;
+      `flow`: mm of filament that are told for each mm that is meant.
+    - `area_per_power`: mm^2 deposited for each unit of S, of machines without an extruder.
+    - `on_bed`: where the nozzle is. `shift`: what G92 added: bed position = coordinate + shift.
+    - `e`: of the filament, in the file's coordinates; all tools share it, as in Marlin.
+    - `absolute`, `relative_e`: G90, M83; `scale`: mm of a unit; `plane`: of arcs, G17 to G19;
+      `motion`: what words alone go on with.
+    - `speed`: of the last F; before any, that of Marlin (1500 mm/min). `speed_factor`: M220, and
+      what `M220 B` kept of it.
+    - `flows`: M221 of each tool. `volumetric`: whether E is mm^3 (M200).
+    - `accelerations`: of M204, mm/s^2, by its letters: P for roads, T for travel, R for filament.
+    - `tool`; `nozzles`, `bed`: set temperatures; `fans`: S of each, 0 to 255.
+    - `power`: of spindle or laser while on, `spindle`: the command that set it (M3, M4).
+    - `homed`: axes that have been homed. `unknown`: axes whose coordinate the machine may have set
+      otherwise: since homing, a change of tool or a command of its own, until the file says where
+      they are.
+    """
+
+    firmware: Firmware = MARLIN
+    filament_area: float = math.pi / 4 * 1.75**2
+    areas: Mapping[int, float] = field(default_factory=dict)
+    flow: float = 1.0
+    area_per_power: float = 0.0
+    on_bed: Point = (0.0, 0.0, 0.0)
+    shift: Point = (0.0, 0.0, 0.0)
+    e: float = 0.0
+    absolute: bool = True
+    relative_e: bool = False
+    scale: float = 1.0
+    plane: str = "G17"
+    motion: str = ""
+    speed: float = 25.0
+    speed_factor: float = 1.0
+    kept_speed_factor: float = 1.0
+    flows: dict[int, float] = field(default_factory=dict)
+    volumetric: bool = False
+    accelerations: dict[str, float] = field(default_factory=dict)
+    tool: int = 0
+    nozzles: dict[int, float] = field(default_factory=dict)
+    bed: float = 0.0
+    fans: dict[int, float] = field(default_factory=dict)
+    power: float = 0.0
+    spindle: str = "M3"
+    homed: frozenset[str] = frozenset()
+    unknown: frozenset[str] = frozenset("XYZE")
+    pace: float = field(init=False, default=0.0)
+    """Speed of motion: that of F with M220 upon it."""
+    gain: float = field(init=False, default=0.0)
+    """mm^3 that a unit of E deposits."""
+    direct: bool = field(init=False, default=True)
+    """Whether coordinates are absolute and in mm."""
+    unsure: bool = field(init=False, default=True)
+    """Whether X, Y, Z or an absolute E is unknown."""
+
+    def __post_init__(self) -> None:
+        self.motion = self.motion or self.firmware.first_motion
+        self.weigh()
+        self.run_at(self.speed)
+        self.measure_by()
+
+    def measure_by(self, **modes: float) -> None:
+        """Set some of scale, absolute and relative_e."""
+        for name, value in modes.items():
+            setattr(self, name, value)
+        self.direct = bool(self.absolute and self.scale == 1.0)
+        self._look()
+
+    def know(self, axes: Set[str]) -> None:
+        """The file says where these axes are."""
+        self.unknown -= axes
+        self._look()
+
+    def forget(self, axes: str = "XYZE") -> None:
+        """The machine may have set these axes otherwise."""
+        self.unknown |= frozenset(axes)
+        self._look()
+
+    def _look(self) -> None:
+        self.unsure = bool(self.unknown - {"E"} if self.relative_e else self.unknown)
+
+    def weigh(self) -> None:
+        """Take into account what has changed of tool, filament and flow."""
+        area = 1.0 if self.volumetric else self.areas.get(self.tool, self.filament_area)
+        self.gain = area / self.flow * self.flow_factor
+
+    def run_at(self, speed: float) -> None:
+        """Set the speed of F, mm/s."""
+        self.speed = speed
+        self.pace = max(speed * self.speed_factor, _SLOWEST)
+
+    @property
+    def x(self) -> float:
+        """In the file's coordinates, as the machine reports it (M114); so `y` and `z`."""
+        return self.on_bed[0] - self.shift[0]
+
+    @property
+    def y(self) -> float:
+        return self.on_bed[1] - self.shift[1]
+
+    @property
+    def z(self) -> float:
+        return self.on_bed[2] - self.shift[2]
+
+    @property
+    def nozzle(self) -> float:
+        """Set temperature of the tool in use."""
+        return self.nozzles.get(self.tool, 0.0)
+
+    @property
+    def flow_factor(self) -> float:
+        """M221 of the tool in use."""
+        return self.flows.get(self.tool, 1.0)
+
+    @property
+    def fan(self) -> float:
+        """S of the first fan."""
+        return self.fans.get(0, 0.0)
+
+    @property
+    def position(self) -> Position:
+        """x, y, z, e as the machine reports them, None where that is not known."""
+        (x, y, z), (a, b, c), unknown = self.on_bed, self.shift, self.unknown
+        if not unknown:
+            return x - a, y - b, z - c, self.e
+        return (
+            None if "X" in unknown else x - a,
+            None if "Y" in unknown else y - b,
+            None if "Z" in unknown else z - c,
+            None if "E" in unknown else self.e,
+        )
+
+    @property
+    def placed(self) -> bool:
+        """Whether it has been homed and then told where to be, so that it can leave and return."""
+        return self.homed.issuperset("XYZ") and not self.unknown & set("XYZ")
+
+    @property
+    def e_is_relative(self) -> bool:
+        """Whether E counts from where it is."""
+        return self.relative_e or (not self.absolute and self.firmware.e_mode == "while")
+
+    @property
+    def e_scale(self) -> float:
+        """mm, or mm^3 where E is volumetric, of a unit of E (Marlin, `volumetric_unit_factor`)."""
+        return self.scale**3 if self.volumetric else self.scale
+
+    def copy(self) -> Self:
+        own = {name: dict(getattr(self, name)) for name in _TABLES}
+        return replace(self, **own)
+
+
+_TABLES = ("flows", "accelerations", "nozzles", "fans")
