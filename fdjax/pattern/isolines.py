@@ -3,7 +3,7 @@
 By the coarea formula (Federer 1959, 3.2.12) the length of centre line an area, averaged over the
 phase, is |grad xi|: nothing has to be traced to know where the material goes.
 """
-# ruff: noqa: RUF009 - `key` gives a dataclass field
+
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -71,6 +71,10 @@ class Isolines(AbstractSettings):
         number(-360, 360), "degrees from the x axis across the first lines, to begin with",
         default=0.0,
     )  # fmt: skip
+    twist: float = key(
+        number(-360, 360), "degrees by which the lines are turned in the middle, to begin with; "
+        "twisted lines can crowd inside without crowding at the walls", default=90.0,
+    )  # fmt: skip
     mode: str = key(
         choice(*MODES),
         "families on alternate layers or both on each; staggered from layer to layer or not",
@@ -135,6 +139,7 @@ class Isolines(AbstractSettings):
                 xyz[:, 0], xyz[:, 1], weight, solid * height / area,
                 angle=np.radians(self.angle), shares=shares, bounds=bounds,
             ),
+            self.twist,
         )  # fmt: skip
         sources = "p" in self.controls, "q" in self.controls
         poisson = Poisson.over(axes[0], axes[1]) if any(sources) else None
@@ -302,7 +307,8 @@ class IsolinePattern(AbstractPattern):
             share = self.stacking.layer_share(family)
             lines = lines + share * density
             ends = jnp.abs(gx[i, j, k] * room.along[:, 0] + gy[i, j, k] * room.along[:, 1]) / length
-            turns = turns + share / 2 * length * jax.nn.sigmoid(12 * (LONGEST_JOIN * ends - 1))
+            own = width[i, j, 0] if width.size > 1 else width[0, 0, 0]
+            turns = turns + share * length * _covered(ends, density[i, j, k], own)
         run = (lines * area).at[i, j, k].add(turns)
         volume = run * section_area(width, room.height) * room.layers
         return Raster(room.x, room.y, room.z, volume)
@@ -425,6 +431,23 @@ class IsolinePattern(AbstractPattern):
         return []
 
 
+def _covered(ends: Array, density: Array, width: Array) -> Array:
+    """Road a mm of wall that turning around takes, less what lines end early for it.
+
+    - `ends`: of lines a mm of wall, |d xi/ds|; `density`: |grad xi|, 1/mm; `width`: mm.
+
+    Half the wall, where the next end is within `LONGEST_JOIN` and the lines do not run along it
+    (below `_ALONG`). Where they meet it at a small angle (below `_WEDGE`) they end early by
+    `APART` widths over its sine, and the join begins across the wedge.
+    """
+    sine = ends / density
+    joined = jax.nn.sigmoid(12 * (LONGEST_JOIN * ends - 1)) * jax.nn.sigmoid((sine - _ALONG) * 60)
+    early = jax.nn.sigmoid((_WEDGE - sine) * 30) * APART * width * (density - ends / 2)
+    return joined * (0.5 - early)
+
+
+_ALONG, _WEDGE, APART = 0.07, 0.35, 0.7
+
 _FLAT = 1e-6
 """A density, 1/mm, far below any that matters: |grad| has no slope where the gradient is 0."""
 
@@ -438,15 +461,26 @@ def _asked(room: Room, target: Target) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return xyz, volumes[kept], np.asarray(target.solid(*xyz.T))
 
 
-def _straight(axes: tuple[Axis, Axis, Axis], both: Any) -> list[np.ndarray]:
-    """Coefficients (K, L, M) of straight lines, alike at all heights."""
+def _straight(axes: tuple[Axis, Axis, Axis], both: Any, twist: float) -> list[np.ndarray]:
+    """Coefficients (K, L, M) of straight lines, twisted (degrees), alike at all heights."""
     places = [np.linspace(axis.low, axis.high, 4 * axis.count) for axis in axes[:2]]
     x, y = np.meshgrid(*places, indexing="ij")
+    x, y = _twisted(x, y, np.radians(twist))
     fit = [axis.fit(at) for axis, at in zip(axes, places, strict=False)]
     return [
         np.repeat((fit[0] @ each.count(x, y) @ fit[1].T)[..., None], axes[2].count, 2)
         for each in both
     ]
+
+
+def _twisted(x: np.ndarray, y: np.ndarray, twist: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places on a lattice turned about its middle, by `twist` radians there and less outwards."""
+    middle_x, middle_y = (x[0, 0] + x[-1, -1]) / 2, (y[0, 0] + y[-1, -1]) / 2
+    reach = max(np.ptp(x), np.ptp(y)) / 4
+    right, up = x - middle_x, y - middle_y
+    turn = twist * np.exp(-(right**2 + up**2) / reach**2)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return middle_x + cosine * right - sine * up, middle_y + sine * right + cosine * up
 
 
 def _waves(axis: Axis) -> tuple[Array, Array]:
