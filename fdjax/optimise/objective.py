@@ -76,15 +76,11 @@ class Objective(eqx.Module):
 
     def _error(self, realised: Any) -> Float[Array, " e"]:
         windows: SoftWindows = self.windows
-        deposit = self.pattern.deposit(realised)
-        got = self._sums(windows, deposit)
+        got = self._sums(windows, self.pattern.deposit(realised))
         used = windows.room > LEAST_WINDOW * windows.full
         room = jnp.where(used, windows.room, 1.0)
         share = jnp.where(used, windows.room, 0.0)
-        error = jnp.sqrt(share / share.sum()) * (got / room - windows.target)
-        # Windows at walls count less than their share of the whole.
-        whole = (deposit.volume.sum() - windows.total) / (windows.room.sum() / 4)
-        return jnp.append(error.ravel(), whole)
+        return (jnp.sqrt(share / share.sum()) * (got / room - windows.target)).ravel()
 
     @staticmethod
     def _sums(windows: SoftWindows, deposit: Deposit) -> Array:

@@ -1,7 +1,7 @@
 """Grid lines as roads: two families of lines of a map of the unit square."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,15 +14,18 @@ from fdjax.grid import bspline
 from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
 from fdjax.grid.elliptic import Elliptic
+from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
 from fdjax.limits import Limits
-from fdjax.pattern.base import AbstractPattern, Lines, Penalties
+from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
 from fdjax.road.holes import Holes
-from fdjax.road.porosity import Deposit, Lattice, Margins, Samples
+from fdjax.road.deposit import Points
+from fdjax.road.porosity import Lattice, Margins, Samples
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
+from fdjax.road.stroke import Lines
 
 
 class Controls(eqx.Module):
@@ -67,6 +70,7 @@ class GridLines(AbstractPattern):
     - `first`: the controls to start from.
     - `samples`: where design looks along xi and along eta.
     - `holes`: in the domain, or None.
+    - `counts_fixed`: whether the number of lines was given, and stays.
     - `skew_limit`: largest |cos| of the angle between the families, one or for each of the samples.
     - `kind`: a key of `MAPS`; `nodes`, `solver`: of the elliptic map.
     """
@@ -86,6 +90,7 @@ class GridLines(AbstractPattern):
     beta: tuple[float, float] = (1.1, 1.1)
     skew_limit: Float[Array, "n m"] | float = 0.9
     alpha: tuple[float, float] = eqx.field(static=True, default=(0.5, 0.5))
+    counts_fixed: bool = eqx.field(static=True, default=False)
     kind: str = eqx.field(static=True, default="transfinite")
     stacking: Stacking = eqx.field(static=True, default=Stacking())
     nodes: tuple[int, int] = eqx.field(static=True, default=(41, 41))
@@ -97,6 +102,9 @@ class GridLines(AbstractPattern):
 
     def controls(self) -> Controls:
         return self.first
+
+    def at(self, controls: Controls) -> "GridLines":
+        return eqx.tree_at(lambda p: p.first, self, controls)
 
     @property
     def lines_per_layer(self) -> tuple[Array, Array]:
@@ -119,15 +127,22 @@ class GridLines(AbstractPattern):
             width = SplineWidth(controls.width, low, high)
         return Realised(grid, width, made, Lattice.of(grid, self.samples))
 
-    def deposit(self, realised: Realised) -> Deposit:
+    def deposit(self, realised: Realised) -> Points:
         width = realised.width
-        deposit = porosity.line_deposit(
+        xy, volume = porosity.line_deposit(
             realised.lattice, width, self.height, self.lines_per_layer, self.stacking
         )
         if self.holes is not None:
             shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
-            deposit = self.holes.cut(deposit, porosity.widest(width), self.height, shares)
-        return deposit
+            xy, volume = self.holes.cut(
+                porosity.LayerDeposit(xy, volume), porosity.widest(width), self.height, shares
+            )
+        return Points(_at_middle(xy, self._depth), volume * self.stacking.layers)
+
+    @property
+    def _depth(self) -> float:
+        """Height of all layers together, mm."""
+        return self.height * self.stacking.layers
 
     def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
         xi, eta, xy, along = realised.lattice
@@ -136,7 +151,8 @@ class GridLines(AbstractPattern):
             along, width, self.height, self.lines_per_layer, self.stacking
         )
         area = along.jacobian * xi.weights[:, None] * eta.weights
-        return xy[1:-1, 1:-1], local[1:-1, 1:-1], area[1:-1, 1:-1]
+        points = _at_middle(xy[1:-1, 1:-1].reshape(-1, 2), self._depth)
+        return points, local[1:-1, 1:-1].ravel(), area[1:-1, 1:-1].ravel() * self._depth
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
         xi, eta, _, walled = realised.lattice
@@ -154,13 +170,13 @@ class GridLines(AbstractPattern):
         # Spans vary slowly: every second place will do.
         spans = [along_eta[::2, ::2] / n_eta, along_xi[::2, ::2] / n_xi]
         lengths = [along_eta.mean(1), along_xi.mean(0)]
-        return Penalties(
-            fold=(FOLD_FLOOR - walled.jacobian / inner.jacobian.mean()).ravel() / FOLD_FLOOR,
-            skew=(walled.skew / self.skew_limit).ravel() - 1,
-            spacing=jnp.concatenate([each.ravel() for each in closeness]) - 1,
-            span=jnp.stack(spans).ravel() / limits.longest_span - 1,
-            length=limits.least_road / jnp.concatenate(lengths) - 1,
-        )
+        return {
+            "fold": (FOLD_FLOOR - walled.jacobian / inner.jacobian.mean()).ravel() / FOLD_FLOOR,
+            "skew": (walled.skew / self.skew_limit).ravel() - 1,
+            "spacing": jnp.concatenate([each.ravel() for each in closeness]) - 1,
+            "span": jnp.stack(spans).ravel() / limits.longest_span - 1,
+            "length": limits.least_road / jnp.concatenate(lengths) - 1,
+        }
 
     def skew(self, realised: Realised) -> Float[Array, "n m"]:
         """|cos| of the angle between the families where design looks, walls included."""
@@ -175,22 +191,97 @@ class GridLines(AbstractPattern):
                     pieces.append(jnp.diff(values, 2, axis=axis).ravel() / np.sqrt(values.size))
         return jnp.concatenate(pieces)
 
-    def lines(self, controls: Controls, points: int = 257) -> list[list[Lines]]:
+    def widths(self, realised: Realised) -> tuple[Array, Array]:
+        places = jnp.linspace(0, 1, QUALITY_NODES)
+        width = realised.width(places[:, None], places[None])
+        return width.min(), width.max()
+
+    def strokes(self, controls: Controls, points: int = 257) -> Iterator[Sequence[Lines]]:
         xi, eta = (
             jnp.asarray(Scan(family).places(int(comb)))
             for family, comb in zip(FAMILIES, self.comb, strict=True)
         )
         traced = _trace(self, controls, xi, eta, points)
         made: dict[Scan, Lines] = {}
-        for scan in {scan for layer in self.stacking.scans for scan in layer}:
-            xy, width = map(np.asarray, traced[FAMILIES.index(scan.family)])
-            part = slice(scan.phase, None, scan.phases)
-            made[scan] = Lines(scan.family, scan.parity, xy[part], width[part])
-        return [[made[scan] for scan in layer] for layer in self.stacking.scans]
+        for layer in self.stacking.scans:
+            for scan in layer:
+                if scan not in made:
+                    xy, width = map(np.asarray, traced[FAMILIES.index(scan.family)])
+                    part = slice(scan.phase, None, scan.phases)
+                    level = np.arange(len(xy[part]))
+                    made[scan] = Lines(
+                        scan.family, scan.parity, level, xy[part], width[part], press=PRESS
+                    )
+            yield [made[scan] for scan in layer]
 
+    def counted(self, asked: float, laid: float) -> "GridLines":
+        """The pattern with as many lines, of the family that has more, as the mean asks for."""
+        if self.counts_fixed:
+            return self
+        counts = [int(n) for n in self.comb]
+        more = int(np.argmax(counts))
+        share = laid / float(_volume(self))
+
+        def model(extra: int) -> float:
+            trial = [n + extra * (k == more) for k, n in enumerate(counts)]
+            return share * float(_volume(self._with_comb(trial)))
+
+        began, now = list(counts), model(0)
+        # A second look, since turn-arounds change with the count; the third is for rounding.
+        for _ in range(3):
+            change = round((asked - now) / (model(1) - now))
+            if change == 0:
+                break
+            counts[more] = max(1, counts[more] + change)
+            now = model(0)
+        return self if counts == began else self._with_comb(counts)
+
+    def _with_comb(self, counts: Sequence[int]) -> "GridLines":
+        return eqx.tree_at(lambda p: p.comb, self, comb_of(counts))
+
+    def facts(self, controls: Controls) -> dict[str, Any]:
+        """Lines of a layer, phases, and the quality of the map's grid of nodes."""
+        xi, eta = (int(n) / self.stacking.phases for n in self.comb)
+        measures = quality(np.asarray(_nodes(self, controls)))
+        return {
+            "kind": "grid-lines",
+            "map": self.kind,
+            "lines_per_layer": {"xi": xi, "eta": eta},
+            "phases": self.stacking.phases,
+            "grid": {name: float(value) for name, value in measures._asdict().items()},
+        }
+
+
+PRESS = 0.25
+"""The first and the last lines run along walls, and are pressed back on them from this share of a
+road's width beyond."""
+
+QUALITY_NODES = 65
+"""Nodes each way of the grid whose quality is reported."""
 
 FOLD_FLOOR = 0.02
 """J over its mean below which design is pushed back from folding."""
+
+
+def comb_of(counts: Sequence[int]) -> tuple[Array, Array]:
+    """Counts of lines as a pattern has them: numbers that XLA need not know when it compiles."""
+    return jnp.asarray(float(counts[0])), jnp.asarray(float(counts[1]))
+
+
+def _at_middle(xy: Array, depth: float) -> Array:
+    """Points of a layer, (n, 2), at half the part's height, (n, 3)."""
+    return jnp.concatenate([xy, jnp.full((len(xy), 1), depth / 2)], 1)
+
+
+@eqx.filter_jit
+def _volume(pattern: GridLines) -> Array:
+    return pattern.deposit(pattern.realise(pattern.first)).volume.sum()
+
+
+@eqx.filter_jit
+def _nodes(pattern: GridLines, controls: Controls) -> Array:
+    places = jnp.linspace(0, 1, QUALITY_NODES)
+    return pattern.realise(controls).grid(places[:, None], places[None])
 
 
 @eqx.filter_jit

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from fdjax.errors import InputError
 from fdjax.grid.algebraic import Transfinite
 from fdjax.grid.base import Sides, Tangents, norm, tangents
 from fdjax.limits import Limits
+from fdjax.pattern.reach import check_reachable
 from fdjax.road.bead import road_width, section_area
 from fdjax.road.porosity import midpoints
 from fdjax.road.stacking import FAMILIES, Stacking
@@ -92,7 +92,11 @@ def begin(
     if width is None:
         width = _fitting_width(mean_solid, length, jacobian, lines, shares, height, limits)
     area = float(section_area(width, height))
-    _check_reachable(solid, area / height, shares, width, limits)
+    points = np.concatenate([xy, np.zeros_like(xy[..., :1])], -1).reshape(-1, 3)
+    check_reachable(
+        solid.ravel(), points, height=height, shares=sum(shares), widths=(width, width),
+        limits=limits,
+    )  # fmt: skip
     asked = solid * height / area * jacobian
     strips = _Strips(
         _both(
@@ -184,21 +188,3 @@ def _fitting_width(
     )
     return float(np.clip(road_width(mean_solid * height / per_area, height), low, high))
 
-
-def _check_reachable(
-    solid: Floats,
-    thickness: float,
-    shares: tuple[float, ...],
-    width: float,
-    limits: Limits,
-) -> None:
-    """`thickness` is the section area over the layer height: volume per area of one line a mm."""
-    densest = thickness * sum(shares) / (limits.least_spacing or width)
-    sparsest = thickness * sum(shares) / limits.longest_span
-    for value, what in ((solid.max(), "densest"), (solid.min(), "most open")):
-        if not sparsest <= value <= densest:
-            raise InputError(
-                f"target: its {what} place asks for porosity {1 - value:.3f}, but roads {width:g} "
-                f"mm wide can give {1 - densest:.3f} to {1 - sparsest:.3f} on this machine; change "
-                "the target, the road width or the layer height"
-            )

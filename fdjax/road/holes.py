@@ -7,7 +7,7 @@ import shapely
 from jaxtyping import Array, Float
 
 from fdjax.road.bead import section_area
-from fdjax.road.porosity import Deposit
+from fdjax.road.porosity import LayerDeposit
 from fdjax.target.raster import Raster
 
 
@@ -59,11 +59,11 @@ class Holes(eqx.Module):
 
     def cut(
         self,
-        deposit: Deposit,
+        deposit: LayerDeposit,
         width: Float[Array, ""] | float,
         height: float,
         layers: float,
-    ) -> Deposit:
+    ) -> LayerDeposit:
         """The deposit without what lies within half a `width` of a hole, with the joins along
         the walls: on every second gap between lines that the wall cuts, on a share `layers` of
         layers. That is half of a wall square to the lines and nothing of one beside them; 1 / pi
@@ -72,7 +72,7 @@ class Holes(eqx.Module):
         distance = self.distance(deposit.xy[:, 0], deposit.xy[:, 1])
         kept = jnp.clip((distance - width / 2) / self.fade + 0.5, 0.0, 1.0)
         joins = section_area(width, height) * layers / jnp.pi * self.step
-        return Deposit(
+        return LayerDeposit(
             jnp.concatenate([deposit.xy, self.wall]),
             jnp.concatenate([deposit.volume * kept, joins]),
         )

@@ -21,7 +21,7 @@ from fdjax.road.bead import section_area
 from fdjax.road.stacking import FAMILIES, Stacking
 
 
-class Deposit(NamedTuple):
+class LayerDeposit(NamedTuple):
     """Volume per layer, averaged over the layers, at sample points.
 
     - `xy`: shape (n, 2), mm; `volume`: shape (n,), mm^3.
@@ -133,7 +133,7 @@ def line_deposit(
     height: float,
     lines: tuple[Float[Array, ""], Float[Array, ""]],
     stacking: Stacking,
-) -> Deposit:
+) -> LayerDeposit:
     """Where the families of grid lines put their material, turn-arounds included.
 
     - `width`: road width in mm as a function of (xi, eta).
@@ -161,7 +161,7 @@ def line_deposit(
     along_eta = norm(along.eta) * (1 - edge.bottom - edge.top)[:, None] * eta.weights
     along_xi = norm(along.xi) * (1 - edge.left - edge.right) * xi.weights[:, None]
     volume = area * (run_along_eta * along_eta + run_along_xi * along_xi)
-    return Deposit(xy.reshape(-1, 2), volume.ravel())
+    return LayerDeposit(xy.reshape(-1, 2), volume.ravel())
 
 
 def _walls(places: Float[Array, " n"]) -> np.ndarray:

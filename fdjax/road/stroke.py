@@ -19,7 +19,7 @@ class Lines:
     - `family`: "xi" or "eta"; `parity`: as in `road.stacking.Scan`.
     - `level`: of each polyline, whole numbers that count the function's level sets in order, shape
       (lines,). Several polylines may share one level. All run the same way round: the higher
-      levels lie on the left of each.
+      levels lie on the left of each, or on the right of each.
     - `xy`: each polyline, shape (points, 2), mm; `width`: of each segment, shape (points - 1,), mm.
     - `material`: number of the material or tool.
     - `press`: a line beyond the walls by less than this share of the road width is pressed back,

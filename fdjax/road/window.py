@@ -58,7 +58,7 @@ class SoftWindows:
         the walls. `flat` says that neither changes along z.
         """
         low, high = np.array([*part.bounds[:2], 0.0]), np.array([*part.bounds[2:], part.height])
-        count = np.maximum(np.ceil((high - low) * 2 / size - 1e-6).astype(int), 1)
+        count = np.maximum(np.ceil((high - low) * 2 / size - 1e-6).astype(int), 1) + 1
         count[2] = 1 if flat else count[2]
         nothing = np.zeros(count)
         full = size**2 * (size if count[2] > 1 else part.height)
