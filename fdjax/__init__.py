@@ -17,6 +17,8 @@ _HOMES = {
     "Target": "target.target",
     "expression": "target.target",
     "design": "optimise.design",
+    "Isolines": "pattern.isolines",
+    "MapLines": "pattern.map_lines",
     "lay": "plan.trace",
     "trim": "plan.trace",
     "check": "plan.check",

@@ -73,22 +73,29 @@ def key(
     return field(default=value, metadata=metadata)
 
 
+Keys = Mapping[str, "dataclasses.Field[Any]"]
+
+
+def keys_of(cls: type, table: str | None = None) -> Keys:
+    """The fields of a dataclass that are keys: those of its own table, or those of another."""
+    own = {f.name: f for f in dataclasses.fields(cls) if "kind" in f.metadata}
+    return {name: f for name, f in own.items() if f.metadata["table"] == table}
+
+
 def read_values(
-    cls: type, table: Any, place: Place, homes: Mapping[str, str] = EMPTY
+    declared: Keys, table: Any, place: Place, homes: Mapping[str, str] = EMPTY
 ) -> dict[str, Any]:
-    """The keys of a TOML table that the dataclass `cls` declares, each read by its kind.
+    """The keys of a TOML table that are declared, each read by its kind.
 
     `homes` says of keys that other tables have where they belong. Raises `InputError` for an
     unknown key (naming the nearest), a missing one, and whatever the kinds refuse.
     """
     if not isinstance(table, Mapping):
         raise place.error("must be a table of keys")
-    every = {f.name: f for f in dataclasses.fields(cls)}
-    declared = {name: f for name, f in every.items() if "kind" in f.metadata}
     for name in table:
         if name not in declared:
             hint = f"it belongs in {homes[name]}" if name in homes else ""
-            hint = hint or f'did you mean "{nearest(name, every)}"?'
+            hint = hint or f'did you mean "{nearest(name, declared)}"?'
             raise place.error(f'unknown key "{name}" ({hint})')
     values = {}
     for name, f in declared.items():
@@ -99,17 +106,15 @@ def read_values(
     return values
 
 
-def rows(cls: type, prefix: str = "") -> list[tuple[str, str, str, str]]:
-    """(key, what it may hold, default, meaning) of each key of the dataclass."""
+def rows(declared: Keys, prefix: str = "") -> list[tuple[str, str, str, str]]:
+    """(key, what it may hold, default, meaning) of each key."""
     result = []
-    for f in dataclasses.fields(cls):
-        if "kind" not in f.metadata:
-            continue
+    for name, f in declared.items():
         default, shown = f.metadata["default"], f.metadata["shown"]
         if shown is None:
             shown = "required" if default is MISSING else f"`{_toml(default)}`"
         meaning = f.metadata["meaning"]
-        result.append((f"`{prefix}{f.name}`", f.metadata["kind"].text, shown, meaning))
+        result.append((f"`{prefix}{name}`", f.metadata["kind"].text, shown, meaning))
     return result
 
 

@@ -49,6 +49,7 @@ def _design(arguments: argparse.Namespace) -> None:
     from fdjax.app import config
     from fdjax.app.output import output_folder
 
+    _prepare_jax()
     job = config.load(arguments.job)
     if arguments.force_export:
         job = replace(job, design=replace(job.design, export_failed=True))
@@ -56,7 +57,6 @@ def _design(arguments: argparse.Namespace) -> None:
         output_folder(arguments.out, owned=job.outputs) as folder,
         _Progress(arguments) as progress,
     ):
-        _prepare_jax()
         from fdjax.app import run
 
         summary = run.design(job, folder, progress=progress)

@@ -1,4 +1,7 @@
-"""The TOML job: every key declared once, checked at the edge, frozen afterwards. Loads no JAX."""
+"""The TOML job: every key declared once, checked at the edge, frozen afterwards.
+
+Loads JAX with the pattern that a job names, not before.
+"""
 # ruff: noqa: RUF009 - `key` gives a dataclass field
 
 import math
@@ -6,7 +9,7 @@ import re
 import tomllib
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fdjax.app.part import Part
 from fdjax.errors import InputError
@@ -21,14 +24,18 @@ from fdjax.keys import (
     choice,
     choices,
     key,
+    keys_of,
     number,
     one_of,
-    pair,
     read_values,
     rows,
     show,
     whole,
 )
+from fdjax.pattern import PATTERNS, settings_of
+
+if TYPE_CHECKING:
+    from fdjax.pattern.base import AbstractSettings
 
 
 def _name(value: Any, place: Place) -> str:
@@ -98,92 +105,9 @@ class TargetSource:
 
 
 @dataclass(frozen=True)
-class Pattern:
-    """`[pattern]`: the map whose lines are the roads."""
-
-    map: str = key(
-        choice("uniform", "stretched", "two-boundary", "transfinite", "elliptic"),
-        "map of the unit square into the outline",
-        default="transfinite",
-    )
-    mode: str = key(
-        choice("alternate", "both", "alternate-staggered", "both-staggered"),
-        "families on alternate layers or both on each; staggered from layer to layer or not",
-        default="alternate-staggered",
-    )
-    phases: int = key(
-        whole(2, 100), "staggered: layers of a family over which its lines are shifted", default=5
-    )
-    road_width: float = key(LENGTH, "road width, or where the design starts", default="0.4mm")
-    lines: tuple[int, int] | None = key(
-        pair(whole(1, 10000)), "number of xi lines and of eta lines", default=None, shown="chosen"
-    )
-    nodes: tuple[int, int] = key(
-        pair(whole(5, 1025)), "nodes of the elliptic solver along xi and eta", default=[33, 33]
-    )
-    beta: tuple[float, float] = key(
-        pair(number(1)),
-        "stretched: beta of eq. (1) along x and y, over 1; the nearer to 1, the stronger",
-        default=[1.1, 1.1],
-    )
-    alpha: tuple[float, float] = key(
-        pair(number(0, 0.5)),
-        "stretched: alpha of eq. (1); 0.5 draws lines to both ends, 0 to the last",
-        default=[0.5, 0.5],
-    )
-    phi: float = key(number(-1000, 1000), "elliptic: control along xi, unit square", default=0.0)
-    psi: float = key(number(-1000, 1000), "elliptic: control along eta, unit square", default=0.0)
-    phi_index: float | None = key(
-        number(-10, 10), "phi per index step of `nodes`, as in the paper", default=None, shown="-"
-    )
-    psi_index: float | None = key(
-        number(-10, 10), "psi per index step of `nodes`, as in the paper", default=None, shown="-"
-    )
-
-    p: float = key(
-        number(*ANY), "elliptic: P of eq. (5), lap(xi), unit square, 1/mm^2", default=0.0
-    )
-    q: float = key(
-        number(*ANY), "elliptic: Q of eq. (5), lap(eta), unit square, 1/mm^2", default=0.0
-    )
-    solver: str = key(
-        choice("newton", "multigrid", "sor"),
-        "elliptic: multigrid from about 100 nodes a side; `sor` is the paper's, at w = 1.8",
-        default="newton",
-    )
-
-    def __post_init__(self) -> None:
-        for name in ("phi", "psi"):
-            if getattr(self, name) != 0 and getattr(self, f"{name}_index") is not None:
-                raise InputError(f"give {name} or {name}_index, not both")
-        if min(self.beta) <= 1:
-            raise InputError("beta: both must be more than 1")
-        if not set(self.alpha) <= {0.0, 0.5}:
-            raise InputError("alpha: each must be 0 or 0.5")
-
-    @property
-    def phi_psi(self) -> tuple[float, float]:
-        """phi and psi of the unit square, however they were given."""
-        phi = self.phi if self.phi_index is None else self.phi_index * (self.nodes[0] - 1)
-        psi = self.psi if self.psi_index is None else self.psi_index * (self.nodes[1] - 1)
-        return phi, psi
-
-
-@dataclass(frozen=True)
 class Design:
-    """`[design]`: what may move until the target is met."""
+    """`[design]`: how controls move until the target is met; which, the pattern says."""
 
-    controls: tuple[str, ...] = key(
-        choices("spacing", "stretching", "phi", "psi", "width", "width_field"),
-        "what the design may change",
-        default=["spacing"],
-    )
-    knots: int | None = key(
-        whole(4, 64), "spline coefficients of each side's spacing", default=None, shown="by window"
-    )
-    field_knots: tuple[int, int] = key(
-        pair(whole(4, 64)), "spline coefficients of a field along xi and eta", default=[8, 6]
-    )
     objective: str = key(
         choice("windows", "cells"), "where the porosity error is summed", default="windows"
     )
@@ -199,7 +123,8 @@ class Job:
 
     part: Part
     target: TargetSource
-    pattern: Pattern = Pattern()
+    pattern: "AbstractSettings"
+    kind: str
     design: Design = Design()
     name: str = key(NAME, "of the part and of its files", default="part", shown="the file's")
     machine: str = key(MACHINE, "whose limits the design keeps", default="marlin-0.4")
@@ -217,10 +142,15 @@ class Job:
     def outputs(self) -> tuple[str, ...]:
         """Names of all files that a design of this job may write."""
         machine_files = (f"{self.name}.{kind}" for kind in FILE_KINDS)
-        return (*machine_files, "report.json", "grid.png", "porosity.png")
+        return (*machine_files, *REPORTS)
 
 
-_TABLES = {"part": Part, "target": TargetSource, "pattern": Pattern, "design": Design}
+REPORTS = ("report.json", "grid.png", "roads.png", "porosity.png", "laplacians.png")
+"""What a design may write beside machine files."""
+
+_TABLES = {"part": Part, "target": TargetSource, "design": Design}
+
+KIND = choice(*PATTERNS)
 
 
 def load(path: str | Path) -> Job:
@@ -243,33 +173,84 @@ def parse(
     """The job in a table as TOML gives it; `source` names it in errors.
 
     >>> job = parse({"part": {"shape": "cosine_top"}, "target": {"porosity": 0.65}})
-    >>> job.pattern.road_width
-    0.4
+    >>> job.kind, job.pattern.road_width
+    ('isolines', 0.4)
     """
-    homes = {f.name: f"[{at}]" for at, cls in _TABLES.items() for f in fields(cls)}
+    homes = {f: f"[{at}]" for at, cls in _TABLES.items() for f in keys_of(cls)}
     top = Place(source, folder=folder)
-    plain = {name: value for name, value in table.items() if name not in _TABLES}
+    plain = {name: value for name, value in table.items() if name not in (*_TABLES, "pattern")}
     values: dict[str, Any] = {"name": re.sub(r"[^\w.-]", "_", name, flags=re.A)}
-    values |= read_values(Job, plain, top, homes)
-    for at, cls in _TABLES.items():
+    values |= read_values(keys_of(Job), plain, top, homes)
+    values["kind"] = _kind(table, top)
+    settings = settings_of(values["kind"])
+    own = keys_of(settings)
+    in_design = keys_of(settings, "design")
+    homes |= dict.fromkeys(own, "[pattern]") | dict.fromkeys(in_design, "[design]")
+    read = {}
+    for at in (*_TABLES, "pattern"):
         place = Place(source, f"[{at}]", folder=folder)
         if at not in table and at in ("part", "target"):
             raise top.error(f"table [{at}] is missing")
         section = table.get(at, {})
         if at == "part" and isinstance(section, dict) and "unit" in section:
             place = replace(place, unit=UNIT.read(section["unit"], place.at("unit")))
-        read = read_values(cls, section, place, homes)
+        if at in ("pattern", "design"):
+            _check_kind(section, at, values["kind"], place)
+        declared = own | {"kind": _KIND} if at == "pattern" else keys_of(_TABLES[at])
+        declared = declared | in_design if at == "design" else declared
+        read[at] = read_values(declared, section, place, homes)
+    read["pattern"].pop("kind", None)
+    for key_name in in_design:
+        if key_name in read["design"]:
+            read["pattern"][key_name] = read["design"].pop(key_name)
+    for at, cls in (*_TABLES.items(), ("pattern", settings)):
         try:
-            values[at] = cls(**read)
+            values[at] = cls(**read[at])
         except InputError as fault:
-            raise place.error(fault) from None
+            raise Place(source, f"[{at}]").error(fault) from None
     return Job(**values)
+
+
+def _kind(table: dict[str, Any], top: Place) -> str:
+    """The kind of pattern that a job asks for; one that names a map wants lines of it."""
+    section = table.get("pattern", {})
+    if isinstance(section, dict) and "kind" in section:
+        return KIND.read(section["kind"], replace(top, table="[pattern]", key="kind"))
+    return "grid-lines" if isinstance(section, dict) and "map" in section else "isolines"
+
+
+def _check_kind(section: Any, at: str, kind: str, place: Place) -> None:
+    """Raise `InputError` for a key that only another kind of pattern has."""
+    table = None if at == "pattern" else "design"
+    own = keys_of(settings_of(kind), table)
+    for other in PATTERNS:
+        for name in section if isinstance(section, dict) and other != kind else ():
+            if name not in own and name in keys_of(settings_of(other), table):
+                raise place.error(f'{name} is for pattern kind "{other}"; this is "{kind}"')
+
+
+@dataclass(frozen=True)
+class _PatternKind:
+    kind: str = key(
+        KIND, "what the roads are", default="isolines", shown="`isolines`; `grid-lines` with `map`"
+    )
+
+
+_KIND = keys_of(_PatternKind)["kind"]
 
 
 def table() -> str:
     """Every key as one Markdown table: key, what it may hold, default, meaning."""
-    lines = [*rows(Job)]
+    lines = [*rows(keys_of(Job))]
     for at, cls in _TABLES.items():
-        lines += rows(cls, f"{at}.")
+        lines += rows(keys_of(cls), f"{at}.")
+    lines += rows({"kind": _KIND}, "pattern.")
+    for kind in PATTERNS:
+        for at in ("pattern", "design"):
+            declared = keys_of(settings_of(kind), None if at == "pattern" else at)
+            lines += [
+                (name, text, shown, f"{kind}: {meaning}")
+                for name, text, shown, meaning in rows(declared, f"{at}.")
+            ]
     head = ["| key | value | default | meaning |", "|---|---|---|---|"]
     return "\n".join([*head, *("| " + " | ".join(row) + " |" for row in lines)])

@@ -118,6 +118,9 @@ class Part:
     left: Side | None = key(SIDE, "curves: xi = 0, with rising eta", default=None, shown="-")
     unit: str = key(UNIT, "of bare coordinates, here and in `file` and `wkt`", default="mm")
     holes: tuple[Circle | Ring, ...] = key(HOLES, "cut out of the roads", default=[])
+    narrow: str = key(
+        choice("refuse", "skip"), "where the part is narrower than a road", default="refuse"
+    )
     layers: int = key(whole(1, 10000), "number of layers", default=10)
     layer_height: float = key(LENGTH, "height of each layer", default="0.2mm")
 

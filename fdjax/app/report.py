@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fdjax.app.config import Job
 from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
@@ -18,13 +16,15 @@ from fdjax.plan.toolpath import Build
 @dataclass(frozen=True, eq=False)
 class Written:
     """One machine file as it was read back: `measurement` and `comparison` are of the file,
-    `shifted` of the same in windows shifted by half; `planned` is the plan's volume, mm^3.
+    `shifted` of the same in windows shifted by half; `planned` is the plan's volume, and `thinned`
+    that of lines left out of it, mm^3.
     """
 
     path: Path
     machine: Machine
     build: Build
     planned: float
+    thinned: float
     findings: tuple[Finding, ...]
     measurement: Measurement
     comparison: Comparison
@@ -36,12 +36,20 @@ class Written:
         return [finding for finding in self.findings if finding.severity == "error"]
 
 
+THINNED = 0.02
+"""Share of the material that may be left out where lines come too close."""
+
+
 def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Path | None, str]]:
     """What is wrong, in one phrase each, with the file it concerns or None for the design."""
     faults: list[tuple[Path | None, str]] = []
     if not result.made:
         faults.append((None, "the grid folds or its solve did not converge"))
     for each in written:
+        if each.thinned > THINNED * each.planned:
+            share = 100 * each.thinned / each.planned
+            what = f"{each.path.name}: lines lie too close; {share:.1f} % had to be left out"
+            faults.append((each.path, f"{what}, {100 * THINNED:g} % is allowed"))
         rms = each.comparison.rms
         if not rms <= job.target.tolerance:
             what = f"{each.path.name} misses its target: RMS {rms:.4f} in {job.target.window:g} mm"
@@ -52,14 +60,18 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
 
 
 def report_of(
-    job: Job, result: Design, written: list[Written], faults: list[tuple[Path | None, str]]
+    job: Job,
+    result: Design,
+    written: list[Written],
+    faults: list[tuple[Path | None, str]],
+    notes: list[str],
 ) -> dict[str, Any]:
-    xi, eta = (int(np.asarray(n)) for n in result.pattern.comb)
-    phases = result.pattern.stacking.phases
+    """Every number of a design and of its files, ready for JSON."""
     return {
         "name": job.name,
         "ok": not faults,
         "faults": [what for _, what in faults],
+        "notes": notes,
         "design": {
             "made": result.made,
             "converged": result.outcome.converged,
@@ -67,10 +79,8 @@ def report_of(
             "seconds": round(result.seconds, 3),
             "model_rms": result.outcome.error,
             "limits_broken": result.broken,
-            "lines_per_layer": {"xi": xi / phases, "eta": eta / phases},
-            "phases": phases,
             "road_width": list(result.road_width),
-            "grid": {name: float(value) for name, value in result.quality._asdict().items()},
+            "pattern": result.pattern.facts(result.controls),
         },
         "files": {each.path.name: _facts(each) for each in written},
     }
@@ -93,6 +103,7 @@ def _facts(each: Written) -> dict[str, Any]:
         "layers": len(build.layers),
         "roads": sum(len(layer.roads) for layer in build.layers),
         "travel": sum(layer.travel for layer in build.layers),
+        "thinned": each.thinned,
         "findings": [
             {"severity": f.severity, "kind": f.kind, "count": f.count, "message": str(f)}
             for f in each.findings
@@ -100,7 +111,7 @@ def _facts(each: Written) -> dict[str, Any]:
     }
 
 
-def table_of(job: Job, result: Design, written: list[Written]) -> str:
+def table_of(job: Job, result: Design, written: list[Written], notes: list[str]) -> str:
     rows = [
         f"{job.name}: {result.steps} steps, {result.seconds:.1f} s",
         f"{'file':28} {'asked':>8} {'got':>8} {'RMS':>8} {'largest':>8} {'shifted':>8}"
@@ -115,5 +126,5 @@ def table_of(job: Job, result: Design, written: list[Written]) -> str:
             f" {sum(layer.travel for layer in build.layers):8.1f} {len(each.findings):8d}"
         )
     return "\n".join(
-        [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows"]
+        [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows", *notes]
     )

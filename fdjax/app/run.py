@@ -1,7 +1,7 @@
 """One job from its tables to machine files that are measured again."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -9,17 +9,12 @@ from threading import Thread
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.report import Written, faults_of, report_of, table_of
-from fdjax.errors import DesignError
+from fdjax.errors import DesignError, InputError
 from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
-from fdjax.grid.continuation import Continuation
-from fdjax.grid.solvers import SOR, Multigrid, Newton
 from fdjax.optimise.design import Design
 from fdjax.optimise.design import design as solve
 from fdjax.optimise.least_squares import Progress
-from fdjax.part.part import Part
-from fdjax.part.patch import Patch
-from fdjax.pattern.base import Lines
 from fdjax.plan.check import check
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
@@ -38,12 +33,15 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     misses the job's tolerance in a file or breaks a machine limit there; the report and the
     pictures are written all the same, the machine files at fault only if the job says so.
     """
-    patch = setting.patch_of(job.part)
-    plate = Part.plate(patch, layers=job.part.layers, height=job.part.layer_height)
-    target = setting.target_of(job.target, plate)
+    part = setting.part_of(job.part)
+    target = setting.target_of(job.target, part)
     machines = {kind: setting.machine_of(job, kind) for kind in job.files}
     main = setting.machine_of(job, "ssl")
-    setting.check_fits(job, patch.outline, main)
+    setting.check_fits(job, part, main)
+    narrow = setting.narrow_places(part, job.pattern.road_width)
+    if narrow and job.part.narrow == "refuse":
+        more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
+        raise InputError(f'{narrow[0]}{more}; with narrow = "skip" such places stay empty')
 
     def show(step: Progress) -> None:
         progress(f"step {step.step:3d}   RMS error {step.error:.5f}   {step.seconds:5.1f} s")
@@ -51,31 +49,41 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     # Matplotlib takes long to load: let it do so while the optimiser computes.
     pictures = Thread(target=import_module, args=["fdjax.view.figures"])
     pictures.start()
-    result = _solve(job, patch, target, main, show)
+    result = solve(
+        part,
+        target,
+        limits=main.limits,
+        pattern=job.pattern,
+        window=job.target.window,
+        objective=job.design.objective,
+        smoothness=job.design.smoothness,
+        iterations=job.design.iterations,
+        span_limit=job.design.span_limit,
+        progress=show,
+    )
     progress("planning roads")
-    lines = result.lines()
-    plans = {main: _plan(job, lines, patch, main)}
-    if job.pattern.lines is None:
-        recounted = result.recounted(plans[main].volume)
-        if recounted is not result:
-            result, lines, plans = recounted, recounted.lines(), {}
+    plans = {main: _plan(job, result, main)}
+    recounted = result.recounted(plans[main].volume)
+    if recounted is not result:
+        result, plans = recounted, {}
     written = []
     for kind, machine in machines.items():
         if machine not in plans:
-            plans[machine] = _plan(job, lines, patch, machine)
+            plans[machine] = _plan(job, result, machine)
         plan = plans[machine].replace(
-            origin=setting.origin_on(machine, patch.outline), notes={"target": target.text}
+            origin=setting.origin_on(machine, part), notes={"target": target.text}
         )
         path = folder / f"{job.name}.{kind}"
         if kind == "ssl":
             path.write_text(module(path).write(plan, machine), encoding="utf-8")
             continue
-        if {"width", "width_field"} & set(job.design.controls):
+        if job.pattern.width_is_free:
             plan = trim(plan, result.volume)
         written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
+    notes = [*(note for region in part.regions for note in region.notes), *narrow]
     faults = faults_of(job, result, written)
-    _pictures(job, folder, patch, lines, written)
-    report = report_of(job, result, written, faults)
+    _pictures(job, folder, result, written)
+    report = report_of(job, result, written, faults, notes)
     (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")
     if faults:
         if not job.design.export_failed:
@@ -85,55 +93,18 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             for path in filter(None, at_fault):
                 path.unlink(missing_ok=True)
         raise DesignError("; ".join(what for _, what in faults))
-    return table_of(job, result, written)
-
-
-SOLVERS = {"newton": Continuation(Newton()), "multigrid": Multigrid(), "sor": SOR()}
-
-
-def _solve(
-    job: Job, patch: Patch, target: Target, machine: Machine, show: Callable[[Progress], None]
-) -> Design:
-    pattern, settings = job.pattern, job.design
-    phi, psi = pattern.phi_psi
-    return solve(
-        patch,
-        target,
-        limits=machine.limits,
-        layers=job.part.layers,
-        layer_height=job.part.layer_height,
-        map=pattern.map,
-        mode=pattern.mode,
-        phases=pattern.phases,
-        road_width=pattern.road_width,
-        lines=pattern.lines,
-        controls=settings.controls,
-        window=job.target.window,
-        objective=settings.objective,
-        knots=settings.knots,
-        field_knots=settings.field_knots,
-        smoothness=settings.smoothness,
-        iterations=settings.iterations,
-        span_limit=settings.span_limit,
-        nodes=pattern.nodes,
-        phi=phi,
-        psi=psi,
-        p=pattern.p,
-        q=pattern.q,
-        alpha=pattern.alpha,
-        beta=pattern.beta,
-        solver=SOLVERS[pattern.solver],
-        progress=show,
+    return table_of(
+        job, result, written, [*notes, *report["design"]["pattern"].get("warnings", ())]
     )
 
 
-def _plan(job: Job, lines: Sequence[Sequence[Lines]], patch: Patch, machine: Machine) -> Build:
+def _plan(job: Job, result: Design, machine: Machine) -> Build:
     resolution = RESOLUTION[machine.format]
     return lay(
-        lines,
-        patch.outline,
-        height=job.part.layer_height,
+        result.strokes(),
+        result.part,
         lift_length=machine.lift_length,
+        least_spacing=machine.limits.least_spacing,
         tolerance=resolution / 4,
         clearance=resolution,
         name=job.name,
@@ -155,6 +126,7 @@ def _written(job: Job, path: Path, build: Build, machine: Machine, target: Targe
         machine,
         read,
         build.volume,
+        build.thinned,
         check(build, machine.limits, both_families=job.pattern.mode.startswith("both")),
         measurement,
         compare(measurement, target),
@@ -163,28 +135,26 @@ def _written(job: Job, path: Path, build: Build, machine: Machine, target: Targe
     )
 
 
-def _pictures(
-    job: Job,
-    folder: Path,
-    patch: Patch,
-    lines: Sequence[Sequence[Lines]],
-    written: list[Written],
-) -> None:
+def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) -> None:
     from fdjax.view import figures
 
-    shown = {family.family: family.xy for layer in reversed(lines) for family in layer}
-    figure = figures.grid_figure(
-        patch.outline, list(shown.get("xi", [])), list(shown.get("eta", [])), title=job.name
-    )
+    outline = result.part.slabs[-1].region.geometry
+    if not written:
+        return
+    first = written[0]
+    shown = {road.family: [] for layer in first.build.layers[-2:] for road in layer.roads}
+    for layer in first.build.layers[-2:]:
+        for road in layer.roads:
+            shown[road.family].append(road.path)
+    figure = figures.grid_figure(outline, shown.get("xi", []), shown.get("eta", []), title=job.name)
     figures.save(figure, folder / "grid.png")
-    for each in written[:1]:
-        figure = figures.porosity_figure(
-            each.measurement.x,
-            each.measurement.y,
-            each.comparison.asked,
-            each.comparison.got,
-            outline=patch.outline,
-            title=each.path.name,
-            weights=each.measurement.area,
-        )
-        figures.save(figure, folder / "porosity.png")
+    figure = figures.porosity_figure(
+        first.measurement.x,
+        first.measurement.y,
+        first.comparison.asked,
+        first.comparison.got,
+        outline=outline,
+        title=first.path.name,
+        weights=first.measurement.area,
+    )
+    figures.save(figure, folder / "porosity.png")

@@ -13,6 +13,7 @@ from fdjax.part import curve
 from fdjax.part import part as body
 from fdjax.part.contour import circle, contour
 from fdjax.part.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
+from fdjax.part.region import Region
 from fdjax.target.array import array
 from fdjax.target.image import image
 from fdjax.target.target import Target, expression
@@ -20,22 +21,30 @@ from fdjax.target.target import Target, expression
 CURVES = {"polyline": curve.polyline, "spline": curve.spline}
 
 
-def patch_of(part: Part) -> Patch:
-    """The layer domain that `[part]` describes."""
+def part_of(part: Part) -> body.Part:
+    """The layers that `[part]` describes, with their four sides where it says them."""
     holes = [_hole(hole) for hole in part.holes]
+    region: Any
     if part.shape == "curves":
         sides = (part.bottom, part.right, part.top, part.left)
-        return from_curves(*(_side(side) for side in sides if side is not None), holes=holes)
-    if part.shape == "polygon":
+        region = from_curves(*(_side(side) for side in sides if side is not None), holes=holes)
+    elif part.shape == "polygon":
         source: Any = part.points if part.points is not None else part.wkt or part.file
         # Inline points are in mm already; a file and WKT are in the table's unit.
         unit = "mm" if part.points is not None else part.unit
-        polygon = contour(contour(source, unit=unit), holes=holes)
-        return from_polygon(polygon, corners=part.corners, smooth=part.smooth)
-    if part.shape == "rectangle" and part.size is not None:
-        return rectangle(*part.size, holes=holes)
-    patch = cosine_top()
-    return Patch(patch.bottom, patch.right, patch.top, patch.left, tuple(h.exterior for h in holes))
+        if part.corners is not None or part.smooth:
+            polygon = contour(contour(source, unit=unit), holes=holes)
+            region = from_polygon(polygon, corners=part.corners, smooth=part.smooth)
+        else:
+            plain = Region.of(source, unit=unit)
+            region = Region.of(plain.geometry, holes=holes) if holes else plain
+    elif part.shape == "rectangle" and part.size is not None:
+        region = rectangle(*part.size, holes=holes)
+    else:
+        top = cosine_top()
+        rings = tuple(hole.exterior for hole in holes)
+        region = Patch(top.bottom, top.right, top.top, top.left, rings)
+    return body.Part.plate(region, layers=part.layers, height=part.layer_height)
 
 
 def _side(side: Side) -> curve.Curve:
@@ -80,11 +89,10 @@ def machine_of(job: Job, kind: str) -> Machine:
     return other
 
 
-def check_fits(job: Job, outline: Polygon, machine: Machine) -> None:
+def check_fits(job: Job, part: body.Part, machine: Machine) -> None:
     """Raise `InputError` where part, layers or roads are beyond what the machine can do at all."""
-    x0, y0, x1, y1 = outline.bounds
-    sizes = (x1 - x0, y1 - y0, job.part.layers * job.part.layer_height)
-    for size, room, axis in zip(sizes, machine.bed, "xyz", strict=True):
+    x0, y0, x1, y1 = part.bounds
+    for size, room, axis in zip((x1 - x0, y1 - y0, part.height), machine.bed, "xyz", strict=True):
         if size > room:
             raise InputError(
                 f"part: {size:g} mm along {axis}, and the bed of {machine.name} has {room:g} mm"
@@ -98,9 +106,19 @@ def check_fits(job: Job, outline: Polygon, machine: Machine) -> None:
             raise InputError(f"{name}: {value:g} mm; {machine.name} lays {low:g} to {high:g} mm")
 
 
-def origin_on(machine: Machine, outline: Polygon) -> tuple[float, float]:
-    """Where the part's (0, 0) goes so that the outline lies in the middle of the bed, mm."""
-    x0, y0, x1, y1 = outline.bounds
+def narrow_places(part: body.Part, road_width: float) -> list[str]:
+    """Where the part is narrower than a road, in words, and so stays empty."""
+    return [
+        f"part: {neck.width:.3g} mm wide at ({neck.x:.4g}, {neck.y:.4g}), narrower than a road of "
+        f"{road_width:g} mm"
+        for region in part.regions
+        for neck in region.necks(road_width)
+    ]
+
+
+def origin_on(machine: Machine, part: body.Part) -> tuple[float, float]:
+    """Where the part's (0, 0) goes so that the part lies in the middle of the bed, mm."""
+    x0, y0, x1, y1 = part.bounds
     return (
         round(machine.bed[0] / 2 - (x0 + x1) / 2, 3),
         round(machine.bed[1] / 2 - (y0 + y1) / 2, 3),

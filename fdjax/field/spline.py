@@ -48,7 +48,9 @@ class Axis:
         first = np.clip(np.floor(scaled).astype(int), 0, self.count - 4)
         f = (scaled - first)[:, None]
         weights = np.polynomial.polynomial.polyval(
-            f, np.stack([_derived(piece, derivative) for piece in _PIECES], 1)[:, None], tensor=False
+            f,
+            np.stack([_derived(piece, derivative) for piece in _PIECES], 1)[:, None],
+            tensor=False,
         )
         result = np.zeros((len(places), self.count))
         np.put_along_axis(result, first[:, None] + np.arange(4), weights, 1)

@@ -1,8 +1,10 @@
-"""Patterns by name."""
+"""Patterns by name. Loads no JAX before a pattern is asked for."""
 
 from importlib import import_module
+from typing import TYPE_CHECKING
 
-from fdjax.pattern.base import AbstractSettings
+if TYPE_CHECKING:
+    from fdjax.pattern.base import AbstractSettings
 
 PATTERNS = {
     "isolines": "isolines:Isolines",
@@ -11,7 +13,7 @@ PATTERNS = {
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""
 
 
-def settings_of(kind: str) -> type[AbstractSettings]:
+def settings_of(kind: str) -> "type[AbstractSettings]":
     """The settings of a kind of pattern, a frozen dataclass; its file is loaded on first use."""
     module, _, name = PATTERNS[kind].partition(":")
     return getattr(import_module(f"fdjax.pattern.{module}"), name)

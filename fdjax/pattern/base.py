@@ -83,7 +83,15 @@ class AbstractPattern(eqx.Module):
 
 
 class AbstractSettings:
-    """What a user says of a pattern, as a frozen dataclass whose fields are keys of a job."""
+    """What a user says of a pattern, as a frozen dataclass whose fields are keys of a job.
+
+    - `mode`: how families follow each other from layer to layer, see `road.stacking.MODES`.
+    - `road_width`: mm, or where the design starts; `controls`: what the design may change.
+    """
+
+    mode: str
+    road_width: float
+    controls: tuple[str, ...]
 
     @abstractmethod
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> AbstractPattern:
@@ -96,3 +104,8 @@ class AbstractSettings:
     def cells_first(self) -> bool:
         """Whether a design meets the pattern's own cells before windows."""
         return False
+
+    @property
+    def width_is_free(self) -> bool:
+        """Whether the design changes road widths."""
+        return bool({"width", "width_field"} & set(self.controls))

@@ -21,8 +21,8 @@ from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
-from fdjax.road.holes import Holes
 from fdjax.road.deposit import Points
+from fdjax.road.holes import Holes
 from fdjax.road.porosity import Lattice, Margins, Samples
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
 from fdjax.road.stroke import Lines

@@ -4,7 +4,6 @@ By the coarea formula (Federer 1959, 3.2.12) the length of centre line an area, 
 phase, is |grad xi|: nothing has to be traced to know where the material goes.
 """
 
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -131,7 +130,10 @@ class Isolines(AbstractSettings):
             solid, xyz, height=height, shares=sum(shares), widths=(low, high), limits=limits
         )
         size = max(axes[0].high - axes[0].low, axes[1].high - axes[1].low)
-        bounds = 1 / min(limits.longest_span, size / 3), 1 / (limits.least_spacing or self.road_width)
+        bounds = (
+            1 / min(limits.longest_span, size / 3),
+            1 / (limits.least_spacing or self.road_width),
+        )
         area = float(section_area(self.road_width, height))
         first = _straight(
             axes,
@@ -152,7 +154,9 @@ class Isolines(AbstractSettings):
             middle = free_of(self.road_width, low, high)
             width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
         return IsolinePattern(
-            first=Controls(*(None if each is None else jnp.asarray(each) for each in (xi, eta, width))),
+            first=Controls(
+                *(None if each is None else jnp.asarray(each) for each in (xi, eta, width))
+            ),
             axes=axes,
             lattice=Lattice.of(axes, room),
             room=jax.tree.map(jnp.asarray, room),
@@ -161,7 +165,9 @@ class Isolines(AbstractSettings):
             width=self.road_width,
             width_range=(low, high),
             reach=1 / bounds[0],
-            heights=tuple((float(z), slab.height) for z, slab in zip(part.middles, part.slabs, strict=True)),
+            heights=tuple(
+                (float(z), slab.height) for z, slab in zip(part.middles, part.slabs, strict=True)
+            ),
             stacking=stacking,
             sources=sources,
         )
@@ -337,7 +343,8 @@ class IsolinePattern(AbstractPattern):
         }
         count = inside.sum() / inside.size
         return {
-            name: jnp.stack([jnp.where(inside, one, -1.0) for one in some]).ravel() / jnp.sqrt(count)
+            name: jnp.stack([jnp.where(inside, one, -1.0) for one in some]).ravel()
+            / jnp.sqrt(count)
             for name, some in kinds.items()
         }
 
@@ -399,7 +406,10 @@ class IsolinePattern(AbstractPattern):
             for name, values in zip(("p", "q"), self.laplacians(controls), strict=True)
         }
         density = [np.asarray(each)[inside] for each in realised.density]
-        spacing = {f: [float(1 / d.max()), float(1 / d.min())] for f, d in zip(FAMILIES, density, strict=True)}
+        spacing = {
+            f: [float(1 / d.max()), float(1 / d.min())]
+            for f, d in zip(FAMILIES, density, strict=True)
+        }
         return {
             "kind": "isolines",
             "coefficients": [axis.count for axis in self.axes],

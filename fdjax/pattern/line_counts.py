@@ -187,4 +187,3 @@ def _fitting_width(
         for share, n, each in zip(shares, lines, length, strict=True)
     )
     return float(np.clip(road_width(mean_solid * height / per_area, height), low, high))
-

@@ -1,5 +1,4 @@
 """Lines of a map of the unit square: what a user says of them, and how they begin."""
-# ruff: noqa: RUF009 - `key` gives a dataclass field
 
 from dataclasses import dataclass
 from functools import partial
@@ -202,9 +201,7 @@ class MapLines(AbstractSettings):
         wanted = {name: widths[name] for name in controls if name in widths}
         return Controls(
             spacing=jnp.stack([along_xi, along_eta] * 2) if "spacing" in controls else None,
-            stretching=(
-                jnp.log(jnp.asarray(self.beta) - 1) if "stretching" in controls else None
-            ),
+            stretching=(jnp.log(jnp.asarray(self.beta) - 1) if "stretching" in controls else None),
             phi=jnp.zeros(self.field_knots) if "phi" in controls else None,
             psi=jnp.zeros(self.field_knots) if "psi" in controls else None,
             width=next(iter(wanted.values()), None),

@@ -14,6 +14,7 @@ from fdjax.plan.wall import Wall, free_region, rings
 
 Floats = NDArray[np.float64]
 
+
 @dataclass(frozen=True, eq=False)
 class Walls:
     """The rings that centre lines of roads up to one width may reach but not cross.

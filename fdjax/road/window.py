@@ -90,7 +90,9 @@ class SoftWindows:
         if isinstance(deposit, Raster):
             x, y, z = (
                 self._shares(places - start, count)
-                for places, start, count in zip(deposit[:3], self.start, self.room.shape, strict=True)
+                for places, start, count in zip(
+                    deposit[:3], self.start, self.room.shape, strict=True
+                )
             )
             xp = namespace(deposit.volume, x)
             along_z = xp.einsum("cl,ijl->ijc", z, deposit.volume)

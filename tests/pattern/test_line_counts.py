@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from fdjax.optimise.start import begin
 
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides
 from fdjax.limits import Limits
-from fdjax.optimise.start import begin
 from fdjax.part.patch import cosine_top, rectangle
 from fdjax.road.bead import section_area
 from fdjax.road.stacking import Stacking

@@ -3,12 +3,6 @@
 import numpy as np
 import pytest
 import shapely
-
-from fdjax.plan.check import check
-from fdjax.plan.lines import lay_lines
-from fdjax.plan.room import Room
-from fdjax.plan.toolpath import Build, Layer
-from outlines import OUTLINES
 from isolines import (
     bump,
     conformal,
@@ -18,6 +12,12 @@ from isolines import (
     random_region,
     straight,
 )
+from outlines import OUTLINES
+
+from fdjax.plan.check import check
+from fdjax.plan.lines import lay_lines
+from fdjax.plan.room import Room
+from fdjax.plan.toolpath import Build, Layer
 
 FIELDS = {
     "level": straight(0.01, 3.0),

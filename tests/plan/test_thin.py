@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
+from isolines import isolines
 from shapely import box
 
 from fdjax.plan.lines import lay_lines
 from fdjax.road.stroke import Lines
-from isolines import isolines
 
 PLATE = box(0, 0, 40, 30)
 
