@@ -9,7 +9,7 @@ import numpy as np
 
 from fdjax.errors import InputError
 from fdjax.limits import Limits
-from fdjax.optimise.least_squares import Outcome, Progress, optimise
+from fdjax.optimise.least_squares import STEPS, Outcome, Progress, optimise
 from fdjax.optimise.objective import Objective, Term
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractPattern, AbstractSettings
@@ -70,8 +70,8 @@ def design(
     window: float = 5.0,
     objective: str = "windows",
     smoothness: float = 1e-4,
-    iterations: int = 60,
-    patience: float = 0.1,
+    iterations: int | None = None,
+    patience: float | None = None,
     span_limit: bool = True,
     terms: Sequence[Term] = (),
     progress: Callable[[Progress], None] | None = None,
@@ -85,7 +85,7 @@ def design(
     - `window`: side (mm) of the windows in which `objective` "windows" compares porosity,
       turn-arounds included; "cells" compares the pattern's own cells.
     - `smoothness`: weight of roughness; `iterations`: most evaluations in all; `patience`: gain
-      of the objective over four improvements below which a stage ends.
+      of the objective over four improvements below which a stage ends; see `optimise`.
     - `terms`: residuals of one's own that are made small as well, each a function of the pattern
       and of what `pattern.realise` gives; in units of porosity, as the error is.
 
@@ -108,7 +108,10 @@ def design(
     steps, seconds, outcome = 0, 0.0, None
     for stage in stages:
         problem = Objective(now, stage, target, limits, smoothness, terms=tuple(terms))
-        budget = iterations - steps if stage is stages[-1] else iterations // 4
+        budget = iterations
+        if len(stages) > 1:
+            most = STEPS[False] if iterations is None else iterations
+            budget = most - steps if stage is stages[-1] else most // 4
         outcome = optimise(
             problem, now.controls(), steps=budget, patience=patience, progress=progress
         )

@@ -74,6 +74,11 @@ class AbstractPattern(eqx.Module):
         """
         return step
 
+    @property
+    def mean_by_count(self) -> bool:
+        """Whether the part's mean is met by the count of lines and not by the controls."""
+        return False
+
     def counted(self, asked: float, laid: float) -> "AbstractPattern":
         """The pattern with as many lines as bring what is laid nearest to what is asked, mm^3.
 

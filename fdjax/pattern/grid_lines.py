@@ -214,6 +214,10 @@ class GridLines(AbstractPattern):
                     )
             yield [made[scan] for scan in layer]
 
+    @property
+    def mean_by_count(self) -> bool:
+        return True
+
     def counted(self, asked: float, laid: float) -> "GridLines":
         """The pattern with as many lines, of the family that has more, as the mean asks for."""
         if self.counts_fixed:
