@@ -113,7 +113,10 @@ class Design:
     )
     smoothness: float = key(number(0), "weight of the controls' roughness", default=1e-4)
     iterations: int | None = key(
-        whole(0, 10000), "most steps of the optimiser", default=None, shown="60, of many controls 150"
+        whole(0, 10000),
+        "most steps of the optimiser",
+        default=None,
+        shown="60, of many controls 150",
     )
     span_limit: bool = key(FLAG, "keep to the machine's longest unsupported span", default=True)
     export_failed: bool = key(FLAG, "write machine files even if the design fails", default=False)

@@ -78,5 +78,6 @@ def _derived(piece: Floats, times: int) -> Floats:
 def product(coefficients: Any, x: Any, y: Any, z: Any) -> Any:
     """The spline on a lattice, (n, m, p), from coefficients (K, L, M) and a basis of each axis."""
     xp = namespace(coefficients, x, y, z)
-    planes = xp.einsum("klm,cm->klc", coefficients, z)
-    return xp.einsum("ilc,jl->ijc", xp.einsum("ik,klc->ilc", x, planes), y)
+    rows = xp.tensordot(x, coefficients, 1)
+    along_y = xp.tensordot(xp.swapaxes(rows, 1, 2), y.T, 1)
+    return xp.tensordot(xp.swapaxes(along_y, 1, 2), z.T, 1)
