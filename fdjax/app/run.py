@@ -63,6 +63,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     )
     progress("planning roads")
     plans = {main: _plan(job, result, main)}
+    for _ in range(job.pattern.corrections):
+        result = result.corrected(*plans[main].deposits(job.target.window / 10), progress=show)
+        plans = {main: _plan(job, result, main)}
     recounted = result.recounted(plans[main].volume)
     if recounted is not result:
         result, plans = recounted, {}

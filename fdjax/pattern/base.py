@@ -92,11 +92,13 @@ class AbstractSettings:
 
     - `mode`: how families follow each other from layer to layer, see `road.stacking.MODES`.
     - `road_width`: mm, or where the design starts; `controls`: what the design may change.
+    - `corrections`: how often a design is worth correcting by what a plan of it lays.
     """
 
     mode: str
     road_width: float
     controls: tuple[str, ...]
+    corrections: int = 0
 
     @abstractmethod
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> AbstractPattern:

@@ -55,7 +55,7 @@ _SMOOTH = 3.5
 _STEP = 5.0
 """Waves shorter than 2 pi times this, mm, are held back in the steps of a design."""
 
-_FINE = 14
+_FINE = 8
 """Places between knots at which lines are traced."""
 
 
@@ -89,6 +89,10 @@ class Isolines(AbstractSettings):
     )  # fmt: skip
     field_knots: tuple[int, int] = key(
         pair(whole(4, 64)), "spline coefficients of a width field along x and y", default=[8, 8],
+        table="design",
+    )  # fmt: skip
+    corrections: int = key(
+        whole(0, 10), "times that what the plan lays beside the model is made up for", default=2,
         table="design",
     )  # fmt: skip
     controls: tuple[str, ...] = key(
