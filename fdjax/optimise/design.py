@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -32,8 +34,8 @@ OBJECTIVES = ("windows", "cells")
 class Design:
     """A finished design.
 
-    - `part`; `objective`: what was made small; `pattern` with `controls`: what was found; `outcome`: how the last optimisation went;
-      `steps`, `seconds`: of all of them together.
+    - `part`; `objective`: what was made small; `pattern` with `controls`: what was found.
+    - `outcome`: how the last optimisation went; `steps`, `seconds`: of all of them together.
     - `made`: whether the pattern could be made there.
     - `broken`: largest share by which each kind of limit is broken, where it is.
     - `road_width`: least and largest, mm.
@@ -81,13 +83,13 @@ class Design:
         if windows is None:
             return self
         laid = windows.sums(Points(np.asarray(places), np.asarray(volumes)))
-        modelled = np.asarray(_sums(self.pattern, windows))
+        modelled = _sums(self.pattern, windows)
         counted = windows.room > LEAST_WINDOW * windows.full
-        beside = np.where(counted, (laid - modelled) / np.maximum(windows.room, 1e-300), 0.0)
+        beside = jnp.where(counted, (laid - modelled) / jnp.maximum(windows.room, 1e-300), 0.0)
         goal = replace(
             windows,
             target=windows.target - beside,
-            total=windows.total - float(np.sum(volumes) - _volume(self.pattern)),
+            total=windows.total - (np.sum(volumes) - _volume(self.pattern)),
         )
         outcome = optimise(
             eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
@@ -149,8 +151,11 @@ def design(
     limits = limits if span_limit else replace(limits, longest_span=np.inf)
     flat = len(part.regions) == 1 and not target.varies_in_z
     windows = SoftWindows.over(part, target.solid, window, flat=flat)
+    # As arrays, so that other numbers do not compile anew.
+    windows = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), windows)
+    volume = float(windows.total)
     now = pattern.begin(part, target, limits, window)
-    now = _recounted(now, windows.total)
+    now = _recounted(now, volume)
     stages = [None, windows] if objective == "windows" and pattern.cells_first else [windows]
     stages = [None] if objective == "cells" else stages
     steps, seconds, outcome, problem = 0, 0.0, None, None
@@ -165,7 +170,7 @@ def design(
         )
         steps, seconds = steps + outcome.steps, seconds + outcome.seconds
         now = now.at(outcome.controls)
-    now = _recounted(now, windows.total)
+    now = _recounted(now, volume)
     assert outcome is not None and problem is not None
     made, worst, width = _survey(now, limits)
     broken = {name: float(value) for name, value in worst.items() if value > 0}
@@ -180,7 +185,7 @@ def design(
         made=bool(made),
         broken=broken,
         road_width=(float(width[0]), float(width[1])),
-        volume=windows.total,
+        volume=volume,
         limits=limits,
     )
 
