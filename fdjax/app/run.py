@@ -108,6 +108,8 @@ def _plan(job: Job, result: Design, machine: Machine) -> Build:
         result.part,
         lift_length=machine.lift_length,
         least_spacing=machine.limits.least_spacing,
+        # Rounding to the file's steps may take a little off.
+        least_road=machine.limits.least_road + resolution if machine.limits.least_road else 0.0,
         tolerance=resolution / 4,
         clearance=resolution,
         name=job.name,
