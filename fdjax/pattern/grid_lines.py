@@ -210,7 +210,12 @@ class GridLines(AbstractPattern):
                     part = slice(scan.phase, None, scan.phases)
                     level = np.arange(len(xy[part]))
                     made[scan] = Lines(
-                        scan.family, scan.parity, level, xy[part], width[part], press=PRESS
+                        scan.family,
+                        scan.parity,
+                        level,
+                        list(xy[part]),
+                        list(width[part]),
+                        press=PRESS,
                     )
             yield [made[scan] for scan in layer]
 

@@ -159,7 +159,7 @@ class Isolines(AbstractSettings):
             width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
         return IsolinePattern(
             first=Controls(
-                *(None if each is None else jnp.asarray(each) for each in (xi, eta, width))
+                jnp.asarray(xi), jnp.asarray(eta), None if width is None else jnp.asarray(width)
             ),
             axes=axes,
             lattice=Lattice.of(axes, room),
@@ -397,7 +397,8 @@ class IsolinePattern(AbstractPattern):
                 at = scan, 0.0 if flat else z
                 if at not in made:
                     function = (xi, eta)[FAMILIES.index(scan.family)]
-                    values = product(function, *bases, self.axes[2].basis(np.array([z])))[..., 0]
+                    x, y = bases
+                    values = product(function, x, y, self.axes[2].basis(np.array([z])))[..., 0]
                     made[at] = _lines(places, values, width[..., 0], scan)
                 layer.append(made[at])
             yield layer
@@ -473,7 +474,7 @@ def _asked(room: Room, target: Target) -> tuple[np.ndarray, np.ndarray, np.ndarr
     points, volumes = Raster(room.x, room.y, room.z, volume).points
     kept = volumes > 0
     xyz = points[kept]
-    return xyz, volumes[kept], np.asarray(target.solid(*xyz.T))
+    return xyz, np.asarray(volumes[kept]), np.asarray(target.solid(*xyz.T))
 
 
 def _straight(axes: tuple[Axis, Axis, Axis], both: Any, twist: float) -> list[np.ndarray]:
