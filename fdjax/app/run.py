@@ -57,7 +57,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         window=job.target.window,
         objective=job.design.objective,
         smoothness=job.design.smoothness,
-        iterations=job.design.iterations,
+        iterations=job.design.iterations if job.pattern.controls else 0,
         span_limit=job.design.span_limit,
         progress=show,
     )
@@ -139,11 +139,9 @@ def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) ->
     from fdjax.view import figures
 
     outline = result.part.slabs[-1].region.geometry
-    if job.design.laplacians:
-        panels = [
-            (panel.name, panel.x, panel.y, panel.values)
-            for panel in result.pattern.pictures(result.controls).get("laplacians", ())
-        ]
+    pictures = result.pattern.pictures(result.controls) if job.design.laplacians else {}
+    if "laplacians" in pictures:
+        panels = [tuple(panel) for panel in pictures["laplacians"]]
         figure = figures.functions_figure(panels, outline=outline, title=job.name, unit="1/mm²")
         figures.save(figure, folder / "laplacians.png")
     if not written:

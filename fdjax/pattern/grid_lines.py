@@ -329,8 +329,10 @@ def _spacings(controls: Controls) -> Spacings:
 
 
 def _box(sides: Sides) -> tuple[Array, Array]:
-    zero, one = jnp.zeros(()), jnp.ones(())
-    return sides.bottom(zero), sides.top(one)
+    """Lower left and upper right corner of the box around the sides: lines are cut at these."""
+    run = jnp.linspace(0, 1, 257)
+    points = jnp.concatenate([side(run) for side in sides])
+    return points.min(0), points.max(0)
 
 
 _MADE = jnp.asarray(True)
