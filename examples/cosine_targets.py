@@ -1,8 +1,8 @@
 """Four targets on the paper's eq. (8) domain: what the model reaches, and what the SML file has.
 
 Run it with `python examples/cosine_targets.py [TARGET ...]`; each design takes some ten seconds
-after compiling. The model's error is that of the cells' own porosity, weighted by volume; the file's is
-measured from SML, read back, in 0.3 in windows and in the same shifted by half a window.
+after compiling. The model's error is that of the cells' own porosity, weighted by volume; the
+file's is measured from SML, read back, in 0.3 in windows and in the same shifted by half a window.
 """
 
 import os
