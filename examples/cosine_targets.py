@@ -1,8 +1,8 @@
 """Four targets on the paper's eq. (8) domain: what the model reaches, and what the SML file has.
 
 Run it with `python examples/cosine_targets.py [TARGET ...]`; each design takes some ten seconds
-after compiling. The model's error is that of the cells' own porosity, area-weighted; the file's is
-measured from SML, read back, in 0.3 in windows and in the same shifted by half a window.
+after compiling. The model's error is that of the cells' own porosity, weighted by volume; the
+file's is measured from SML, read back, in 0.3 in windows and in the same shifted by half a window.
 """
 
 import os
@@ -26,25 +26,26 @@ TARGETS = {
     "constant": "0.65",
 }
 INCH = 25.4
-HEIGHT, WINDOW = 0.010 * INCH, 0.3 * INCH
+WINDOW = 0.3 * INCH
+PART = fdjax.Part.plate(fdjax.cosine_top(), layers=10, height=0.010 * INCH)
 
 
 def designed(target, objective: str, machine, span_limit: bool = False):
     """The eq. (8) domain with 51 x 31 lines; spans as long as they need to be by default."""
     return fdjax.design(
-        fdjax.cosine_top(),
+        PART,
         target,
         limits=machine.limits,
-        layers=10,
-        layer_height=HEIGHT,
-        map="elliptic",
-        lines=(51, 31),
-        road_width=None,
-        controls=("spacing", "phi", "psi", "width"),
+        pattern=fdjax.MapLines(
+            map="elliptic",
+            lines=(51, 31),
+            road_width=0.028 * INCH,
+            nodes=(33, 25),
+            controls=("spacing", "phi", "psi", "width"),
+            knots=10 if objective == "cells" else None,
+        ),
         window=WINDOW,
         objective=objective,
-        nodes=(33, 25),
-        knots=10 if objective == "cells" else None,
         smoothness=3e-5 if objective == "cells" else 1e-4,
         iterations=80,
         patience=0.01 if objective == "cells" else 0.05,
@@ -53,19 +54,18 @@ def designed(target, objective: str, machine, span_limit: bool = False):
 
 
 def model_error(design, target) -> tuple[float, float]:
-    """Area-weighted RMS and largest error of the cells' porosity."""
+    """RMS, weighted by volume, and largest error of the cells' porosity."""
     pattern = design.pattern
-    xy, porosity, area = pattern.cells(pattern.realise(design.controls))
-    error = porosity - target(xy[..., 0], xy[..., 1])
-    return float(jnp.sqrt((error**2 * area).sum() / area.sum())), float(jnp.abs(error).max())
+    xyz, porosity, volume = pattern.cells(pattern.realise(design.controls))
+    error = porosity - target(*xyz.T)
+    return float(jnp.sqrt((error**2 * volume).sum() / volume.sum())), float(jnp.abs(error).max())
 
 
 def file_error(design, target, machine) -> tuple[float, float]:
     """RMS error measured in the SML text, in windows as they lie and shifted by half."""
     build = fdjax.lay(
-        design.lines(),
-        fdjax.cosine_top().outline,
-        height=HEIGHT,
+        design.strokes(),
+        PART,
         lift_length=machine.lift_length,
         tolerance=6e-3,
         clearance=0.024,

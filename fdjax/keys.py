@@ -231,13 +231,13 @@ def choice(*options: str) -> Kind:
 # --- kinds of several values ---
 
 
-def choices(*options: str) -> Kind:
-    """Some of some words, each once, at least one."""
+def choices(*options: str, least: int = 1) -> Kind:
+    """Some of some words, each once, at least one or, where `least` is 0, none."""
     one = choice(*options)
 
     def read(value: Any, place: Place) -> tuple[str, ...]:
         words = tuple(one.read(item, place) for item in _list(value, place))
-        if not words:
+        if len(words) < least:
             raise place.error(f"is empty; give some of {one.text}")
         for word in words:
             if words.count(word) > 1:

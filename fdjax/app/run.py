@@ -57,7 +57,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         window=job.target.window,
         objective=job.design.objective,
         smoothness=job.design.smoothness,
-        iterations=job.design.iterations,
+        iterations=job.design.iterations if job.pattern.controls else 0,
         span_limit=job.design.span_limit,
         progress=show,
     )
@@ -144,14 +144,23 @@ def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) ->
     from fdjax.view import figures
 
     outline = result.part.slabs[-1].region.geometry
+    pictures = result.pattern.pictures(result.controls) if job.design.laplacians else {}
+    if "laplacians" in pictures:
+        panels = [tuple(panel) for panel in pictures["laplacians"]]
+        figure = figures.functions_figure(panels, outline=outline, title=job.name, unit="1/mm²")
+        figures.save(figure, folder / "laplacians.png")
     if not written:
         return
     first = written[0]
-    shown = {road.family: [] for layer in first.build.layers[-2:] for road in layer.roads}
-    for layer in first.build.layers[-2:]:
-        for road in layer.roads:
-            shown[road.family].append(road.path)
-    figure = figures.grid_figure(outline, shown.get("xi", []), shown.get("eta", []), title=job.name)
+    top = first.build.layers[-2:]
+    figures.save(
+        figures.roads_figure(top, outline=outline, title=first.path.name), folder / "roads.png"
+    )
+    shown = {
+        family: [road.path for layer in top for road in layer.roads if road.family == family]
+        for family in ("xi", "eta")
+    }
+    figure = figures.grid_figure(outline, shown["xi"], shown["eta"], title=job.name)
     figures.save(figure, folder / "grid.png")
     figure = figures.porosity_figure(
         first.measurement.x,

@@ -6,7 +6,7 @@ line in the table `PATTERNS` of `fdjax.pattern`.
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -20,6 +20,18 @@ from fdjax.target.target import Target
 Penalties = dict[str, Array]
 """By how much a pattern leaves what is allowed, as shares, by kind of limit; zero or less is
 within. One value for each place looked at."""
+
+
+class Panel(NamedTuple):
+    """A function of the place on one layer, to be drawn.
+
+    `x`, `y`: of a lattice, mm, shapes (n,) and (m,) or both (n, m); `values`: shape (n, m).
+    """
+
+    name: str
+    x: Array
+    y: Array
+    values: Array
 
 
 class AbstractPattern(eqx.Module):
@@ -66,6 +78,13 @@ class AbstractPattern(eqx.Module):
     @abstractmethod
     def facts(self, controls: Any) -> dict[str, Any]:
         """What a report says of the pattern, by name: numbers, words, and lists of these."""
+
+    def pictures(self, controls: Any) -> dict[str, tuple[Panel, ...]]:
+        """What can be drawn of the pattern's functions, by name: panels to stand side by side.
+
+        "laplacians": lap(xi) and lap(eta), P and Q of eq. (5), 1/mm^2, on the top layer.
+        """
+        return {}
 
     def scale(self, step: Any) -> Any:
         """Controls as an optimiser steps through them: what a step of these amounts to.

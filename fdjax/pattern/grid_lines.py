@@ -14,11 +14,12 @@ from fdjax.grid import bspline
 from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
 from fdjax.grid.elliptic import Elliptic
+from fdjax.grid.laplacians import laplacians
 from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
 from fdjax.limits import Limits
-from fdjax.pattern.base import AbstractPattern, Penalties
+from fdjax.pattern.base import AbstractPattern, Panel, Penalties
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
 from fdjax.road.deposit import Points
@@ -248,6 +249,17 @@ class GridLines(AbstractPattern):
     def _with_comb(self, counts: Sequence[int]) -> "GridLines":
         return eqx.tree_at(lambda p: p.comb, self, comb_of(counts))
 
+    def pictures(self, controls: Controls) -> dict[str, tuple[Panel, ...]]:
+        """P and Q of functions that count a layer's lines; at walls as at the nearest nodes."""
+        xy = _nodes(self, controls)
+        panels = [
+            Panel(name, xy[..., 0], xy[..., 1], jnp.pad(lines * values, 1, mode="edge"))
+            for name, lines, values in zip(
+                ("P = lap(ξ)", "Q = lap(η)"), self.lines_per_layer, laplacians(xy), strict=True
+            )
+        ]
+        return {"laplacians": tuple(panels)}
+
     def facts(self, controls: Controls) -> dict[str, Any]:
         """Lines of a layer, phases, and the quality of the map's grid of nodes."""
         xi, eta = (int(n) / self.stacking.phases for n in self.comb)
@@ -326,8 +338,10 @@ def _spacings(controls: Controls) -> Spacings:
 
 
 def _box(sides: Sides) -> tuple[Array, Array]:
-    zero, one = jnp.zeros(()), jnp.ones(())
-    return sides.bottom(zero), sides.top(one)
+    """Lower left and upper right corner of the box around the sides: lines are cut at these."""
+    run = jnp.linspace(0, 1, 257)
+    points = jnp.concatenate([side(run) for side in sides])
+    return points.min(0), points.max(0)
 
 
 _MADE = jnp.asarray(True)

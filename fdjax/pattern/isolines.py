@@ -21,7 +21,7 @@ from fdjax.field.spline import Axis, product
 from fdjax.keys import LENGTH, choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
-from fdjax.pattern.base import AbstractPattern, AbstractSettings, Penalties
+from fdjax.pattern.base import AbstractPattern, AbstractSettings, Panel, Penalties
 from fdjax.pattern.reach import check_reachable
 from fdjax.pattern.straight import profiles
 from fdjax.pattern.width import free_of, within
@@ -426,13 +426,28 @@ class IsolinePattern(AbstractPattern):
             "warnings": self._warnings(max(each[0] for each in spacing.values())),
         }
 
-    def laplacians(self, controls: Controls) -> tuple[Array, Array]:
-        """P = lap(xi) and Q = lap(eta) where design looks, (n, m, p), 1/mm^2."""
-        bend_x = jnp.asarray(self.axes[0].basis(np.asarray(self.room.x), 2))
-        bend_y = jnp.asarray(self.axes[1].basis(np.asarray(self.room.y), 2))
-        x, y, z = self.lattice[:3]
+    def pictures(self, controls: Controls) -> dict[str, tuple[Panel, ...]]:
+        x, y = (jnp.linspace(axis.low, axis.high, 6 * axis.count) for axis in self.axes[:2])
+        p, q = (each[..., -1] for each in self.laplacians(controls, x, y))
+        return {"laplacians": (Panel("P = lap(ξ)", x, y, p), Panel("Q = lap(η)", x, y, q))}
+
+    def laplacians(
+        self, controls: Controls, x: Array | None = None, y: Array | None = None
+    ) -> tuple[Array, Array]:
+        """P = lap(xi) and Q = lap(eta) on a lattice, (n, m, p), 1/mm^2; where design looks, if no
+        other x (n,) and y (m,) are given.
+        """
+        places = (
+            np.asarray(self.room.x if x is None else x),
+            np.asarray(self.room.y if y is None else y),
+        )
+        (along_x, bend_x), (along_y, bend_y) = (
+            (jnp.asarray(axis.basis(at)), jnp.asarray(axis.basis(at, 2)))
+            for axis, at in zip(self.axes, places, strict=False)
+        )
+        z = self.lattice.z
         xi, eta = (
-            product(each, bend_x, y, z) + product(each, x, bend_y, z)
+            product(each, bend_x, along_y, z) + product(each, along_x, bend_y, z)
             for each in self.coefficients(controls)
         )
         return xi, eta

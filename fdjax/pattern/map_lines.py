@@ -104,8 +104,8 @@ class MapLines(AbstractSettings):
         table="design",
     )  # fmt: skip
     controls: tuple[str, ...] = key(
-        choices("spacing", "stretching", "phi", "psi", "width", "width_field"),
-        "what the design may change", default=["spacing"], table="design",
+        choices("spacing", "stretching", "phi", "psi", "width", "width_field", least=0),
+        "what the design may change; nothing with `[]`", default=["spacing"], table="design",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

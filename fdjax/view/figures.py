@@ -1,26 +1,38 @@
-"""Pictures of a design: its lines over the outline, and the porosity asked, got and missed.
+"""Pictures of a design: lines over the outline, roads as wide as they are, porosity, functions.
 
 Matplotlib's object interface only: nothing global is touched and no window is ever opened.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.collections import LineCollection
+import shapely
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from fdjax.errors import InputError
-from fdjax.plan.toolpath import Outline
-from fdjax.view.sheet import BAR_ROOM, Box, Sheet
+from fdjax.plan.toolpath import Layer, Outline
+from fdjax.view.sheet import BAR_ROOM, INK, Box, Sheet
+from fdjax.view.strips import strips
 
 Floats = NDArray[np.float64]
 
 XI_COLOUR, ETA_COLOUR = "#1b5e9e", "#d1603d"
+FAMILIES = {
+    "xi": ("ξ roads", XI_COLOUR, "#a9c8e6"),
+    "eta": ("η roads", ETA_COLOUR, "#f2bfa9"),
+    "": ("roads", "#3d7a4e", "#b5d6bd"),
+}
+"""Name of a family's roads in a legend, colour of their centre lines, colour of their beads."""
+
 SHARE_COLOURS, ERROR_COLOURS = "viridis", "RdBu_r"
+_PANEL_NAME = 2.3
+"""Room for the name above a panel of roads, inches."""
+
 _SMALLEST_SCALE = 0.05
 """Span of the colour scale at least: an even porosity shall look even."""
 
@@ -51,6 +63,116 @@ def grid_figure(
         )
         names.append(Line2D([], [], color=colour, linewidth=1.4, label=name))
     sheet.legend(figure, names)
+    return figure
+
+
+def roads_figure(
+    layers: Sequence[Layer], *, outline: Outline | None = None, title: str = ""
+) -> Figure:
+    """The roads of some layers side by side, each as wide as it is.
+
+    Beads are filled strips, centre lines run in the middle; travel is a thin dashed line, and a dot
+    is where a layer starts. `outline` is drawn where a layer has none of its own; without either,
+    the box around the roads. Raises `InputError` when there are no roads at all.
+    """
+    layers = [layer for layer in layers if layer.roads]
+    if not layers:
+        raise InputError("roads figure: there are no roads")
+    outlines = [layer.outline or outline or _box_of(layer) for layer in layers]
+    whole = shapely.box(*shapely.total_bounds(outlines))
+    wide = _is_wide(whole)
+    largest = (8.4, 7.0 / len(layers)) if wide else (8.8 / len(layers), 6.0)
+    sheets = [Sheet(own, largest=largest, bounds=whole.bounds) for own in outlines]
+    w, h = sheets[0].width, sheets[0].height
+    gap = max(0.22, _PANEL_NAME - w)
+    boxes = [
+        Box(0, (len(layers) - 1 - k) * (h + 0.42), w, h) if wide else Box(k * (w + gap), 0, w, h)
+        for k in range(len(layers))
+    ]
+    width = max(boxes[-1].right, boxes[-1].left + _PANEL_NAME)
+    figure = sheets[0].figure(width, boxes[0].top, title, titled=True)
+    for k, (layer, sheet, box) in enumerate(zip(layers, sheets, boxes, strict=True)):
+        name = f"z {layer.z:.4g} mm: {_counted(len(layer.roads), 'road')}"
+        name += f", {layer.travel:.3g} mm travel" if layer.travel > 0 else ""
+        bottom, left = not wide or k == len(layers) - 1, wide or k == 0
+        axes = sheet.panel(figure, box, name, x_labels=bottom, y_labels=left)
+        fine = min(0.4, 12 * sheet.inches_per_mm * min(float(r.width.min()) for r in layer.roads))
+        for road in layer.roads:
+            _, line, bead = FAMILIES.get(road.family, FAMILIES[""])
+            axes.add_collection(PathCollection(strips(road), facecolor=bead, lw=0, zorder=1.5))
+            axes.plot(*road.path.T, color=line, lw=fine, solid_joinstyle="round", zorder=2)
+        travels = [
+            np.stack([first.path[-1], second.path[0]])
+            for first, second in zip(layer.roads[:-1], layer.roads[1:], strict=True)
+        ]
+        axes.add_collection(
+            LineCollection(travels, colors=INK, linewidths=0.5, linestyles="--", zorder=5)
+        )
+        axes.plot(*layer.roads[0].path[0], "o", color=INK, ms=4, zorder=6, clip_on=False)
+    found = {
+        road.family if road.family in FAMILIES else "" for each in layers for road in each.roads
+    }
+    shown = [
+        Line2D([], [], color=bead, linewidth=5, label=name)
+        for family, (name, _, bead) in FAMILIES.items()
+        if family in found
+    ]
+    shown.append(Line2D([], [], color=INK, linewidth=0.7, linestyle="--", label="travel"))
+    shown.append(Line2D([], [], color=INK, lw=0, marker="o", ms=4, label="start"))
+    sheets[0].legend(figure, shown)
+    return figure
+
+
+def functions_figure(
+    panels: Sequence[tuple[str, ArrayLike, ArrayLike, ArrayLike]],
+    *,
+    outline: Outline,
+    title: str = "",
+    unit: str = "",
+) -> Figure:
+    """Functions of the place side by side inside the outline, on one scale about zero.
+
+    `panels`: of each its name, x and y of a lattice (mm), shapes (n,) and (m,) or both (n, m), and
+    values (n, m). The scale ends where all but one in a hundred of the values inside do, so that
+    one corner does not pale the rest; what is beyond has the colour of its end.
+    """
+    wide = _is_wide(outline)
+    sheet = Sheet(outline, largest=(6.4, 2.6) if wide else (3.9, 4.4))
+    w, h = sheet.width, sheet.height
+    count = len(panels)
+    gap = max(0.22, 1.3 - w)
+    boxes = [
+        Box(0, (count - 1 - k) * (h + 0.42), w, h) if wide else Box(k * (w + gap), 0, w, h)
+        for k in range(count)
+    ]
+    drawn = [(name, *_lattice(x, y, values)) for name, x, y, values in panels]
+    inside = [
+        values[shapely.contains_xy(outline, x, y) & np.isfinite(values)]
+        for _, x, y, values in drawn
+    ]
+    sizes = np.abs(np.concatenate(inside))
+    half = max(float(np.quantile(sizes, 0.99)) if sizes.size else 0.0, 1e-12)
+    beyond = "both" if sizes.size and sizes.max() > 1.01 * half else "neither"
+    note = "; ".join(
+        f"{name.split()[0]} from {each.min():.3g} to {each.max():.3g}".replace("-", "−")
+        for (name, *_), each in zip(drawn, inside, strict=True)
+        if each.size
+    )
+    bar = Box(w + 0.1, 0, 0.11, boxes[0].top) if wide else Box(boxes[-1].right + 0.1, 0, 0.11, h)
+    note = f"{note} {unit}".strip()
+    figure = sheet.figure(bar.right + BAR_ROOM + 0.1, boxes[0].top, title, note, titled=True)
+    mesh = None
+    for k, (box, (name, x, y, values)) in enumerate(zip(boxes, drawn, strict=True)):
+        bottom, left = not wide or k == count - 1, wide or k == 0
+        axes = sheet.panel(figure, box, name, x_labels=bottom, y_labels=left, filled=False)
+        mesh = axes.pcolormesh(
+            x, y, np.ma.masked_invalid(values), norm=Normalize(-half, half), cmap=ERROR_COLOURS,
+            shading="gouraud" if np.isfinite(values).all() else "nearest", rasterized=True,
+            zorder=1,
+        )  # fmt: skip
+        mesh.set_clip_path(sheet.path, axes.transData)
+    if mesh is not None:
+        sheet.colour_bar(figure, bar, mesh, signed=True, extend=beyond)
     return figure
 
 
@@ -138,6 +260,29 @@ def _stroke(outline: Outline, lines: list[Floats], points_per_mm: float) -> floa
     total = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines)
     gap = outline.area / total if total > 0 else outline.length
     return float(np.clip(0.25 * gap * points_per_mm, 0.2, 0.8))
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def _box_of(layer: Layer) -> Outline:
+    """The box around what the layer's roads cover."""
+    ends = [
+        shapely.box(
+            *(road.xy.min(0) - road.width.max() / 2), *(road.xy.max(0) + road.width.max() / 2)
+        )
+        for road in layer.roads
+    ]
+    return shapely.box(*shapely.union_all(ends).bounds)
+
+
+def _lattice(x: ArrayLike, y: ArrayLike, values: ArrayLike) -> tuple[Floats, Floats, Floats]:
+    """x, y and values of a lattice as arrays of one shape."""
+    x, y, values = (np.asarray(each, dtype=float) for each in (x, y, values))
+    if x.ndim == 1:
+        x, y = np.meshgrid(x, y, indexing="ij")
+    return x, y, values
 
 
 def _is_wide(outline: Outline) -> bool:

@@ -48,15 +48,22 @@ class Sheet:
     """Sizes and style for panels that show one outline, equal in scale along both axes.
 
     - `largest`: width and height that a panel may have, inches.
+    - `bounds`: least x and y, largest x and y to show, mm; by default the outline's.
     """
 
-    def __init__(self, outline: Outline, *, largest: tuple[float, float]) -> None:
-        x0, y0, x1, y1 = outline.bounds
+    def __init__(
+        self,
+        outline: Outline,
+        *,
+        largest: tuple[float, float],
+        bounds: tuple[float, float, float, float] | None = None,
+    ) -> None:
+        x0, y0, x1, y1 = bounds or outline.bounds
         self.limits = (x0, x1), (y0, y1)
         self.inches_per_mm = min(largest[0] / (x1 - x0), largest[1] / (y1 - y0))
         self.width = self.inches_per_mm * (x1 - x0)
         self.height = self.inches_per_mm * (y1 - y0)
-        self.path = _compound_path(outline)
+        self.path = compound_path(outline)
 
     def figure(
         self, width: float, height: float, title: str, note: str = "", *, titled: bool = False
@@ -109,10 +116,16 @@ class Sheet:
         return axes
 
     def colour_bar(
-        self, figure: Figure, box: Box, shown: ScalarMappable, *, signed: bool = False
+        self,
+        figure: Figure,
+        box: Box,
+        shown: ScalarMappable,
+        *,
+        signed: bool = False,
+        extend: str = "neither",
     ) -> None:
-        """The colour scale of `shown` at this box."""
-        bar = figure.colorbar(shown, cax=self._axes(figure, box))
+        """The colour scale of `shown` at this box; `extend` as in Matplotlib."""
+        bar = figure.colorbar(shown, cax=self._axes(figure, box), extend=extend)
         bar.outline.set_visible(False)
         bar.ax.tick_params(color=GREY, labelcolor=GREY, labelsize=SMALL, width=0.5, length=2.5)
         bar.locator = MaxNLocator(int(np.clip(2 * box.height, 3, 7)), steps=[1, 2, 2.5, 5, 10])
@@ -136,7 +149,7 @@ class Sheet:
         return figure.add_axes((*place, box.width / width, box.height / height))
 
 
-def _compound_path(outline: Outline) -> Path:
+def compound_path(outline: Outline) -> Path:
     """The outline with its holes as one path: shells counter-clockwise, holes clockwise."""
     rings = []
     for part in shapely.get_parts(outline):

@@ -14,14 +14,14 @@ JOBS = sorted((ROOT / "examples").glob("*.toml"))
 @pytest.mark.parametrize("path", JOBS, ids=lambda path: path.stem)
 def test_job_can_be_set_up(path):
     job = config.load(path)
-    patch = setting.patch_of(job.part)
-    target = setting.target_of(job.target, patch.outline)
-    centre = patch.outline.representative_point()
+    part = setting.part_of(job.part)
+    target = setting.target_of(job.target, part)
+    centre = part.regions[0].geometry.representative_point()
     assert 0 <= float(target(centre.x, centre.y)) <= 1
     for kind in job.files:
         machine = setting.machine_of(job, kind)
         assert kind in (machine.format, "ssl")
-    setting.check_fits(job, patch.outline, setting.machine_of(job, "ssl"))
+    setting.check_fits(job, part, setting.machine_of(job, "ssl"))
 
 
 @pytest.mark.slow
@@ -31,4 +31,6 @@ def test_job_designs_to_the_end(path, tmp_path):
     assert main(["design", str(path), "--out", str(out), "--quiet"]) == 0
     job = config.load(path)
     asked = {f"{job.name}.{kind}" for kind in job.files}
-    assert asked | {"report.json", "grid.png", "porosity.png"} <= {p.name for p in out.iterdir()}
+    asked |= {"report.json", "grid.png", "roads.png", "porosity.png"}
+    asked |= {"laplacians.png"} if job.design.laplacians else set()
+    assert asked == {p.name for p in out.iterdir()}

@@ -7,11 +7,13 @@ import time
 import numpy as np
 import pytest
 import shapely
-from matplotlib.collections import LineCollection, QuadMesh
+from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from PIL import Image
 
 from fdjax.errors import InputError
+from fdjax.plan.toolpath import Layer, Road
 from fdjax.view import figures
+from fdjax.view.strips import strips
 
 PLATE = shapely.box(0, 0, 40, 20)
 HOLED = PLATE.difference(shapely.Point(12, 10).buffer(5))
@@ -91,6 +93,94 @@ def test_grid_figure_draws_both_families_over_the_outline():
     width, height = axes.get_position().width, axes.get_position().height
     inches = figure.get_size_inches()
     assert width * inches[0] / 40 == pytest.approx(height * inches[1] / 20)
+
+
+def layer_of(*roads, z=0.2, outline=PLATE):
+    return Layer(z, 0.2, roads, outline)
+
+
+def covered(road):
+    whole = shapely.Polygon()
+    for path in strips(road):
+        rings = [shapely.LinearRing(ring) for ring in path.to_polygons()]
+        shells, holes = ([r for r in rings if r.is_ccw is ccw] for ccw in (True, False))
+        shape = shapely.union_all([shapely.Polygon(shell) for shell in shells])
+        whole |= shape.difference(shapely.union_all([shapely.Polygon(hole) for hole in holes]))
+    return whole
+
+
+def test_a_strip_covers_what_the_road_does():
+    turns = np.array([(0, 0), (10, 0), (10, 1), (0, 1)])
+    expected = shapely.LineString(turns).buffer(0.25)
+    assert covered(Road(turns, 0.5)).symmetric_difference(expected).area < 0.01
+    closed = Road(np.array([(0, 0), (10, 0), (10, 10), (0, 10)]), 0.5, closed=True)
+    assert covered(closed).area == pytest.approx(40 * 0.5 - 4 * 0.25**2 * (1 - np.pi / 4), abs=0.01)
+
+
+def test_a_strip_follows_the_width_and_the_length_of_a_road():
+    x = np.linspace(0, 100, 501)
+    width = np.where(x[:-1] < 50, 0.4, 0.8)
+    road = Road(np.stack([x, np.sin(x / 5)], 1), width)
+    whole = covered(road)
+    assert whole.geom_type == "Polygon"
+    assert whole.area == pytest.approx(float((road.segment_lengths * width).sum()), rel=0.01)
+
+
+def test_roads_figure_draws_each_layer_with_its_own_roads_travel_and_start():
+    first = layer_of(
+        Road(np.array([(2, 0.5), (2, 19.5)]), 0.4, family="xi"),
+        Road(np.array([(4, 19.5), (4, 0.5)]), 0.4, family="xi"),
+    )
+    second = layer_of(Road(np.array([(1, 3), (39, 3)]), 0.6, family="eta"), z=0.4, outline=HOLED)
+    figure = figures.roads_figure([first, second], title="plate")
+    left, right = figure.axes
+    assert left.get_title(loc="left") == "z 0.2 mm: 2 roads, 2 mm travel"
+    assert right.get_title(loc="left") == "z 0.4 mm: 1 road"
+    assert left.get_xlim() == right.get_xlim() == (0, 40)
+    beads = [c for c in right.collections if isinstance(c, PathCollection)]
+    ((strip,),) = [bead.get_paths() for bead in beads]
+    np.testing.assert_allclose(strip.get_extents().extents, (0.7, 2.7, 39.3, 3.3))
+    (travel,) = [c for c in left.collections if isinstance(c, LineCollection)]
+    np.testing.assert_allclose(travel.get_segments(), [[(2, 19.5), (4, 19.5)]])
+    (start,) = [line for line in left.lines if line.get_marker() == "o"]
+    assert start.get_xydata().tolist() == [[2, 0.5]]
+    (legend,) = figure.legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert names == ["ξ roads", "η roads", "travel", "start"]
+
+
+def test_roads_without_family_or_outline_are_drawn_too():
+    layer = layer_of(Road(np.array([(0, 0), (10, 0), (10, 4)]), 0.5), outline=None)
+    (axes,) = figures.roads_figure([layer]).axes
+    assert (*axes.get_xlim(), *axes.get_ylim()) == (-0.25, 10.25, -0.25, 4.25)
+    with pytest.raises(InputError, match="no roads"):
+        figures.roads_figure([layer_of()])
+
+
+def test_functions_share_a_scale_about_zero_that_a_few_values_do_not_pale():
+    x, y = np.linspace(0, 40, 81), np.linspace(0, 20, 41)
+    tame = np.linspace(-1, 1, 81)[:, None] + np.zeros(41)
+    wild = tame.copy()
+    wild[40, 20] = 100
+    across, up = np.meshgrid(x, y, indexing="ij")
+    figure = figures.functions_figure(
+        [("P = one", x, y, tame), ("Q = other", across, up, wild)], outline=PLATE, unit="1/mm²"
+    )
+    first, second = (
+        c for axes in figure.axes[:2] for c in axes.collections if isinstance(c, QuadMesh)
+    )
+    assert first.norm.vmax == second.norm.vmax == -first.norm.vmin == pytest.approx(1, abs=0.03)
+    np.testing.assert_allclose(np.ravel(first.get_array()), tame.ravel())
+    assert "Q from −0.975 to 100 1/mm²" in figure.texts[1].get_text()
+
+
+def test_functions_that_are_not_finite_somewhere_stay_blank_there():
+    x = np.linspace(0, 40, 9)
+    values = np.ones((9, 9))
+    values[0, 0] = np.inf
+    figure = figures.functions_figure([("P", x, x / 2, values)], outline=PLATE)
+    mesh = figure.axes[0].collections[0]
+    assert np.ma.getmaskarray(mesh.get_array()).sum() == 1
 
 
 def test_nothing_global_is_loaded():
