@@ -54,11 +54,11 @@ class Axis:
         )
         result = np.zeros((len(places), self.count))
         np.put_along_axis(result, first[:, None] + np.arange(4), weights, 1)
-        return result / self.step**derivative
+        return np.asarray(result / self.step**derivative)
 
     def fit(self, places: Floats) -> Floats:
         """Matrix (count, n) from values at `places` (n,) to the coefficients that fit them best."""
-        return np.linalg.pinv(self.basis(places))
+        return np.asarray(np.linalg.pinv(self.basis(places)), float)
 
 
 _PIECES = (
@@ -72,7 +72,7 @@ _PIECES = (
 
 def _derived(piece: Floats, times: int) -> Floats:
     derived = np.polynomial.polynomial.polyder(piece, times) if times else piece
-    return np.pad(derived, (0, 4 - len(derived)))
+    return np.asarray(np.pad(derived, (0, 4 - len(derived))), float)
 
 
 def product(coefficients: Any, x: Any, y: Any, z: Any) -> Any:

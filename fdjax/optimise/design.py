@@ -171,7 +171,8 @@ def design(
         steps, seconds = steps + outcome.steps, seconds + outcome.seconds
         now = now.at(outcome.controls)
     now = _recounted(now, volume)
-    assert outcome is not None and problem is not None
+    assert outcome is not None
+    assert problem is not None
     made, worst, width = _survey(now, limits)
     broken = {name: float(value) for name, value in worst.items() if value > 0}
     return Design(

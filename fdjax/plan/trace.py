@@ -36,10 +36,10 @@ def lay(
     Beads stay inside each layer's region. Lines are joined along the walls where that is no more
     than `lift_length` mm longer than the straight way and no more than `longest_join` mm long, and
     thinned where they come nearer than `least_spacing` mm, and roads shorter than `least_road` mm
-    are not laid (see `lay_lines`); what that leaves out is `thinned` of each layer. Points within `tolerance` (mm) of a straight road are dropped.
-    Beads keep `clearance` (mm) more from all walls, for what dropping points and rounding to the
-    machine's steps may take away again. Layers that repeat the same strokes (the same objects)
-    over the same region are laid alike.
+    are not laid (see `lay_lines`); what that leaves out is `thinned` of each layer. Points within
+    `tolerance` (mm) of a straight road are dropped. Beads keep `clearance` (mm) more from all
+    walls, for what dropping points and rounding to the machine's steps may take away again. Layers
+    that repeat the same strokes (the same objects) over the same region are laid alike.
 
     Raises `InputError` for a region with no room for a road, strokes of a kind that is not known,
     and layers that are not as many as the part's.
