@@ -141,7 +141,7 @@ def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) ->
     outline = result.part.slabs[-1].region.geometry
     pictures = result.pattern.pictures(result.controls) if job.design.laplacians else {}
     if "laplacians" in pictures:
-        panels = [tuple(panel) for panel in pictures["laplacians"]]
+        panels = pictures["laplacians"]
         figure = figures.functions_figure(panels, outline=outline, title=job.name, unit="1/mm²")
         figures.save(figure, folder / "laplacians.png")
     if not written:
