@@ -73,7 +73,7 @@ def key(
     return field(default=value, metadata=metadata)
 
 
-Keys = Mapping[str, "dataclasses.Field[Any]"]
+Keys = dict[str, "dataclasses.Field[Any]"]
 
 
 def keys_of(cls: type, table: str | None = None) -> Keys:

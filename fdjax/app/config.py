@@ -112,7 +112,12 @@ class Design:
         choice("windows", "cells"), "where the porosity error is summed", default="windows"
     )
     smoothness: float = key(number(0), "weight of the controls' roughness", default=1e-4)
-    iterations: int = key(whole(0, 10000), "most steps of the optimiser", default=60)
+    iterations: int | None = key(
+        whole(0, 10000),
+        "most steps of the optimiser",
+        default=None,
+        shown="60, of many controls 150",
+    )
     span_limit: bool = key(FLAG, "keep to the machine's longest unsupported span", default=True)
     laplacians: bool = key(FLAG, "draw lap(xi) and lap(eta), P and Q of eq. (5)", default=False)
     export_failed: bool = key(FLAG, "write machine files even if the design fails", default=False)

@@ -63,6 +63,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     )
     progress("planning roads")
     plans = {main: _plan(job, result, main)}
+    for _ in range(job.pattern.corrections):
+        result = result.corrected(*plans[main].deposits(job.target.window / 10), progress=show)
+        plans = {main: _plan(job, result, main)}
     recounted = result.recounted(plans[main].volume)
     if recounted is not result:
         result, plans = recounted, {}
@@ -105,6 +108,8 @@ def _plan(job: Job, result: Design, machine: Machine) -> Build:
         result.part,
         lift_length=machine.lift_length,
         least_spacing=machine.limits.least_spacing,
+        # Rounding to the file's steps may take a little off.
+        least_road=machine.limits.least_road + resolution if machine.limits.least_road else 0.0,
         tolerance=resolution / 4,
         clearance=resolution,
         name=job.name,

@@ -54,11 +54,11 @@ class Axis:
         )
         result = np.zeros((len(places), self.count))
         np.put_along_axis(result, first[:, None] + np.arange(4), weights, 1)
-        return result / self.step**derivative
+        return np.asarray(result / self.step**derivative)
 
     def fit(self, places: Floats) -> Floats:
         """Matrix (count, n) from values at `places` (n,) to the coefficients that fit them best."""
-        return np.linalg.pinv(self.basis(places))
+        return np.asarray(np.linalg.pinv(self.basis(places)), float)
 
 
 _PIECES = (
@@ -72,11 +72,12 @@ _PIECES = (
 
 def _derived(piece: Floats, times: int) -> Floats:
     derived = np.polynomial.polynomial.polyder(piece, times) if times else piece
-    return np.pad(derived, (0, 4 - len(derived)))
+    return np.asarray(np.pad(derived, (0, 4 - len(derived))), float)
 
 
 def product(coefficients: Any, x: Any, y: Any, z: Any) -> Any:
     """The spline on a lattice, (n, m, p), from coefficients (K, L, M) and a basis of each axis."""
     xp = namespace(coefficients, x, y, z)
-    planes = xp.einsum("klm,cm->klc", coefficients, z)
-    return xp.einsum("ilc,jl->ijc", xp.einsum("ik,klc->ilc", x, planes), y)
+    rows = xp.tensordot(x, coefficients, 1)
+    along_y = xp.tensordot(xp.swapaxes(rows, 1, 2), y.T, 1)
+    return xp.tensordot(xp.swapaxes(along_y, 1, 2), z.T, 1)

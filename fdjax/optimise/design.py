@@ -5,19 +5,26 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
+from numpy.typing import ArrayLike
 
 from fdjax.errors import InputError
 from fdjax.limits import Limits
-from fdjax.optimise.least_squares import Outcome, Progress, optimise
-from fdjax.optimise.objective import Objective, Term
+from fdjax.optimise.least_squares import STEPS, Outcome, Progress, optimise
+from fdjax.optimise.objective import LEAST_WINDOW, Objective, Term
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractPattern, AbstractSettings
 from fdjax.pattern.isolines import Isolines
 from fdjax.precision import require_float64
+from fdjax.road.deposit import Points
 from fdjax.road.stroke import Lines
 from fdjax.road.window import SoftWindows
 from fdjax.target.target import Target
+
+CORRECTING = 30
+"""Most evaluations in which a design is corrected."""
 
 OBJECTIVES = ("windows", "cells")
 """Where the porosity error is summed: windows, or the pattern's own cells."""
@@ -27,8 +34,8 @@ OBJECTIVES = ("windows", "cells")
 class Design:
     """A finished design.
 
-    - `part`; `pattern` with `controls`: what was found; `outcome`: how the last optimisation went;
-      `steps`, `seconds`: of all of them together.
+    - `part`; `objective`: what was made small; `pattern` with `controls`: what was found.
+    - `outcome`: how the last optimisation went; `steps`, `seconds`: of all of them together.
     - `made`: whether the pattern could be made there.
     - `broken`: largest share by which each kind of limit is broken, where it is.
     - `road_width`: least and largest, mm.
@@ -37,6 +44,7 @@ class Design:
     """
 
     part: Part
+    objective: Objective
     pattern: AbstractPattern
     controls: Any
     outcome: Outcome
@@ -56,6 +64,48 @@ class Design:
         pattern = self.pattern.counted(self.volume, laid)
         return self if pattern is self.pattern else replace(self, pattern=pattern)
 
+    def corrected(
+        self,
+        places: ArrayLike,
+        volumes: ArrayLike,
+        *,
+        progress: Callable[[Progress], None] | None = None,
+    ) -> "Design":
+        """The design moved so that its plan, and not its model alone, meets the target.
+
+        - `places` (n, 3), mm, and `volumes` (n,), mm^3: of what a plan of it lays, in short pieces,
+          as `Build.deposits` gives them.
+
+        What the plan lays in a window beside what the model has there is taken off the target: at
+        walls a plan joins, ends early and leaves out what the model knows in the mean only.
+        """
+        windows: SoftWindows = self.objective.windows
+        if windows is None:
+            return self
+        laid = windows.sums(Points(np.asarray(places), np.asarray(volumes)))
+        modelled = _sums(self.pattern, windows)
+        counted = windows.room > LEAST_WINDOW * windows.full
+        beside = jnp.where(counted, (laid - modelled) / jnp.maximum(windows.room, 1e-300), 0.0)
+        goal = replace(
+            windows,
+            target=windows.target - beside,
+            total=windows.total - (np.sum(volumes) - _volume(self.pattern)),
+        )
+        outcome = optimise(
+            eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
+            self.controls,
+            steps=CORRECTING,
+            progress=progress,
+        )
+        return replace(
+            self,
+            pattern=self.pattern.at(outcome.controls),
+            controls=outcome.controls,
+            outcome=outcome,
+            steps=self.steps + outcome.steps,
+            seconds=self.seconds + outcome.seconds,
+        )
+
     def strokes(self) -> Iterator[Sequence[Lines]]:
         """What is to be laid on each layer, for `fdjax.lay`."""
         return self.pattern.strokes(self.controls)
@@ -70,8 +120,8 @@ def design(
     window: float = 5.0,
     objective: str = "windows",
     smoothness: float = 1e-4,
-    iterations: int = 60,
-    patience: float = 0.1,
+    iterations: int | None = None,
+    patience: float | None = None,
     span_limit: bool = True,
     terms: Sequence[Term] = (),
     progress: Callable[[Progress], None] | None = None,
@@ -85,7 +135,7 @@ def design(
     - `window`: side (mm) of the windows in which `objective` "windows" compares porosity,
       turn-arounds included; "cells" compares the pattern's own cells.
     - `smoothness`: weight of roughness; `iterations`: most evaluations in all; `patience`: gain
-      of the objective over four improvements below which a stage ends.
+      of the objective over four improvements below which a stage ends; see `optimise`.
     - `terms`: residuals of one's own that are made small as well, each a function of the pattern
       and of what `pattern.realise` gives; in units of porosity, as the error is.
 
@@ -101,25 +151,33 @@ def design(
     limits = limits if span_limit else replace(limits, longest_span=np.inf)
     flat = len(part.regions) == 1 and not target.varies_in_z
     windows = SoftWindows.over(part, target.solid, window, flat=flat)
+    # As arrays, so that other numbers do not compile anew.
+    windows = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), windows)
+    volume = float(windows.total)
     now = pattern.begin(part, target, limits, window)
-    now = _recounted(now, windows.total)
+    now = _recounted(now, volume)
     stages = [None, windows] if objective == "windows" and pattern.cells_first else [windows]
     stages = [None] if objective == "cells" else stages
-    steps, seconds, outcome = 0, 0.0, None
+    steps, seconds, outcome, problem = 0, 0.0, None, None
     for stage in stages:
         problem = Objective(now, stage, target, limits, smoothness, terms=tuple(terms))
-        budget = iterations - steps if stage is stages[-1] else iterations // 4
+        budget = iterations
+        if len(stages) > 1:
+            most = STEPS[False] if iterations is None else iterations
+            budget = most - steps if stage is stages[-1] else most // 4
         outcome = optimise(
             problem, now.controls(), steps=budget, patience=patience, progress=progress
         )
         steps, seconds = steps + outcome.steps, seconds + outcome.seconds
         now = now.at(outcome.controls)
-    now = _recounted(now, windows.total)
+    now = _recounted(now, volume)
     assert outcome is not None
-    made, worst, width, _ = _survey(now, limits)
+    assert problem is not None
+    made, worst, width = _survey(now, limits)
     broken = {name: float(value) for name, value in worst.items() if value > 0}
     return Design(
         part=part,
+        objective=problem,
         pattern=now,
         controls=outcome.controls,
         outcome=outcome,
@@ -128,25 +186,30 @@ def design(
         made=bool(made),
         broken=broken,
         road_width=(float(width[0]), float(width[1])),
-        volume=windows.total,
+        volume=volume,
         limits=limits,
     )
 
 
 @eqx.filter_jit
-def _survey(pattern: AbstractPattern, limits: Limits) -> tuple[Any, dict[str, Any], Any, Any]:
+def _survey(pattern: AbstractPattern, limits: Limits) -> tuple[Any, dict[str, Any], Any]:
     """At its own controls: whether it could be made, by how much limits of each kind are broken,
-    least and largest road width (mm), and the volume in all layers (mm^3).
+    and least and largest road width (mm).
     """
     realised = pattern.realise(pattern.controls())
     excess = pattern.penalties(realised, limits)
     worst = {name: values.max() for name, values in excess.items()}
-    return realised.made, worst, pattern.widths(realised), pattern.deposit(realised).volume.sum()
+    return realised.made, worst, pattern.widths(realised)
 
 
 @eqx.filter_jit
 def _volume(pattern: AbstractPattern) -> Any:
     return pattern.deposit(pattern.realise(pattern.controls())).volume.sum()
+
+
+@eqx.filter_jit
+def _sums(pattern: AbstractPattern, windows: SoftWindows) -> Any:
+    return windows.sums(pattern.deposit(pattern.realise(pattern.controls())))
 
 
 def _recounted(pattern: AbstractPattern, asked: float) -> AbstractPattern:

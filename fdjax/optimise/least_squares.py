@@ -30,6 +30,9 @@ SCALE = 3e3
 REJECTIONS = 8
 """Trials in a row that may fail; the damping grows fourfold with each."""
 
+STEPS, PATIENCE = {False: 60, True: 150}, {False: 0.1, True: 0.02}
+"""For few controls and for many."""
+
 
 class Progress(NamedTuple):
     """One improvement: step number, RMS error of porosity, root of the objective, seconds."""
@@ -58,7 +61,7 @@ class Outcome(NamedTuple):
 
 
 class _Problem(eqx.Module):
-    """An objective over free numbers: controls, or steps from `origin` as the pattern scales them."""
+    """An objective over free numbers: controls, or scaled steps from those at `origin`."""
 
     objective: Objective
     origin: Any
@@ -184,20 +187,23 @@ def optimise(
     objective: Objective,
     controls: Any,
     *,
-    steps: int = 40,
-    patience: float = 0.1,
+    steps: int | None = None,
+    patience: float | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Outcome:
     """Minimise the objective from these controls with optimistix's Levenberg-Marquardt.
 
     Stops after `steps` evaluations, when nothing moves any more, when four improvements together
     gain less than `patience` of the objective, or when `REJECTIONS` trials in a row gain nothing.
+    By default `STEPS` and `PATIENCE`, which are larger where an evaluation costs little.
     `progress` is called after each improvement. Requires float64.
     """
     require_float64()
     began, gained = time.perf_counter(), []
     free, unravel = ravel_pytree(controls)
     many = free.size > FEW
+    steps = STEPS[many] if steps is None else steps
+    patience = PATIENCE[many] if patience is None else patience
     problem = _Problem(objective, controls if many else None, unravel, many)
     free = jnp.zeros_like(free) if many else free
     if steps < 1:

@@ -23,6 +23,9 @@ MARGIN = 0.01
 LEAST_WINDOW = 0.45
 """Share of a window that must be inside the part; measuring leaves out less than half."""
 
+WHOLE = 4.0
+"""Weight of the error of the part's mean beside the root mean square of its windows' errors."""
+
 Term = Callable[[AbstractPattern, Any], Float[Array, "..."]]
 """Residuals of one's own, in units of porosity, of a pattern and what controls amount to in it."""
 
@@ -76,11 +79,18 @@ class Objective(eqx.Module):
 
     def _error(self, realised: Any) -> Float[Array, " e"]:
         windows: SoftWindows = self.windows
-        got = self._sums(windows, self.pattern.deposit(realised))
+        deposit = self.pattern.deposit(realised)
+        got = self._sums(windows, deposit)
         used = windows.room > LEAST_WINDOW * windows.full
         room = jnp.where(used, windows.room, 1.0)
         share = jnp.where(used, windows.room, 0.0)
-        return (jnp.sqrt(share / share.sum()) * (got / room - windows.target)).ravel()
+        error = jnp.sqrt(share / share.sum()) * (got / room - windows.target)
+        if self.pattern.mean_by_count:
+            return error.ravel()
+        # Overlapping windows hold the part four times, or eight times where they follow along z.
+        times = 4 if windows.room.shape[2] == 1 else 8
+        whole = (deposit.volume.sum() - windows.total) * times / windows.room.sum()
+        return jnp.append(error.ravel(), WHOLE * whole)
 
     @staticmethod
     def _sums(windows: SoftWindows, deposit: Deposit) -> Array:

@@ -78,7 +78,8 @@ class Part:
     @property
     def regions(self) -> tuple[Region, ...]:
         """Each region once, from the bed upwards."""
-        return tuple({id(slab.region): slab.region for slab in self.slabs}.values())
+        found = {id(slab.region): slab.region for slab in self.slabs}
+        return tuple(found.values())
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:

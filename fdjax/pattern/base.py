@@ -93,6 +93,11 @@ class AbstractPattern(eqx.Module):
         """
         return step
 
+    @property
+    def mean_by_count(self) -> bool:
+        """Whether the part's mean is met by the count of lines and not by the controls."""
+        return False
+
     def counted(self, asked: float, laid: float) -> "AbstractPattern":
         """The pattern with as many lines as bring what is laid nearest to what is asked, mm^3.
 
@@ -106,11 +111,13 @@ class AbstractSettings:
 
     - `mode`: how families follow each other from layer to layer, see `road.stacking.MODES`.
     - `road_width`: mm, or where the design starts; `controls`: what the design may change.
+    - `corrections`: how often a design is worth correcting by what a plan of it lays.
     """
 
     mode: str
     road_width: float
     controls: tuple[str, ...]
+    corrections: int = 0
 
     @abstractmethod
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> AbstractPattern:

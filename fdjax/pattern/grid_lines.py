@@ -211,9 +211,18 @@ class GridLines(AbstractPattern):
                     part = slice(scan.phase, None, scan.phases)
                     level = np.arange(len(xy[part]))
                     made[scan] = Lines(
-                        scan.family, scan.parity, level, xy[part], width[part], press=PRESS
+                        scan.family,
+                        scan.parity,
+                        level,
+                        list(xy[part]),
+                        list(width[part]),
+                        press=PRESS,
                     )
             yield [made[scan] for scan in layer]
+
+    @property
+    def mean_by_count(self) -> bool:
+        return True
 
     def counted(self, asked: float, laid: float) -> "GridLines":
         """The pattern with as many lines, of the family that has more, as the mean asks for."""

@@ -34,10 +34,10 @@ from fdjax.target.target import Target
 
 jax.tree_util.register_static(Axis)
 
-CELLS = 6
-"""Cells to a window's side at which design looks."""
+CELLS = {True: 6, False: 4}
+"""Cells to a window's side at which design looks, where all layers are alike and where not."""
 
-KNOTS = 0.72
+KNOTS = {True: 0.72, False: 1.0}
 """Distance of the knots as a share of a window's side: lines cannot crowd faster than a knot."""
 
 SKEW = 0.8
@@ -55,7 +55,7 @@ _SMOOTH = 3.5
 _STEP = 5.0
 """Waves shorter than 2 pi times this, mm, are held back in the steps of a design."""
 
-_FINE = 14
+_FINE = 8
 """Places between knots at which lines are traced."""
 
 
@@ -91,6 +91,10 @@ class Isolines(AbstractSettings):
         pair(whole(4, 64)), "spline coefficients of a width field along x and y", default=[8, 8],
         table="design",
     )  # fmt: skip
+    corrections: int = key(
+        whole(0, 10), "times that what the plan lays beside the model is made up for", default=2,
+        table="design",
+    )  # fmt: skip
     controls: tuple[str, ...] = key(
         choices("coefficients", "p", "q", "width", "width_field"),
         "what the design may change: both functions' coefficients, or P and Q of eq. (5)",
@@ -121,7 +125,9 @@ class Isolines(AbstractSettings):
         margins = np.array([self.road_width / 2])
         if widths is not None:
             margins = np.unique([low / 2, (low + high) / 4, high / 2])
-        room = Room.of(part, margins, side=window / CELLS, thickness=window / CELLS, flat=flat)
+        room = Room.of(
+            part, margins, side=window / CELLS[flat], thickness=window / CELLS[flat], flat=flat
+        )
         axes = self._axes(part, window, flat)
         shares = stacking.layer_share(FAMILIES[0]), stacking.layer_share(FAMILIES[1])
         xyz, weight, solid = _asked(room, target)
@@ -130,10 +136,8 @@ class Isolines(AbstractSettings):
             solid, xyz, height=height, shares=sum(shares), widths=(low, high), limits=limits
         )
         size = max(axes[0].high - axes[0].low, axes[1].high - axes[1].low)
-        bounds = (
-            1 / min(limits.longest_span, size / 3),
-            1 / (limits.least_spacing or self.road_width),
-        )
+        reach = min(limits.longest_span, size / 3)
+        bounds = 1 / reach, 1 / (limits.least_spacing or self.road_width)
         area = float(section_area(self.road_width, height))
         first = _straight(
             axes,
@@ -155,16 +159,17 @@ class Isolines(AbstractSettings):
             width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
         return IsolinePattern(
             first=Controls(
-                *(None if each is None else jnp.asarray(each) for each in (xi, eta, width))
+                jnp.asarray(xi), jnp.asarray(eta), None if width is None else jnp.asarray(width)
             ),
             axes=axes,
             lattice=Lattice.of(axes, room),
             room=jax.tree.map(jnp.asarray, room),
             poisson=None if poisson is None else jax.tree.map(jnp.asarray, poisson),
             waves=tuple(_waves(axis) for axis in axes),
+            width_bases=tuple(map(jnp.asarray, _width_bases(axes, width, (room.x, room.y)))),
             width=self.road_width,
             width_range=(low, high),
-            reach=1 / bounds[0],
+            reach=reach,
             heights=tuple(
                 (float(z), slab.height) for z, slab in zip(part.middles, part.slabs, strict=True)
             ),
@@ -175,7 +180,7 @@ class Isolines(AbstractSettings):
     def _axes(self, part: Part, window: float, flat: bool) -> tuple[Axis, Axis, Axis]:
         x0, y0, x1, y1 = part.bounds
         box = (x0, x1), (y0, y1), (0.0, part.height)
-        knots = self.knots or tuple(_knots(b - a, KNOTS * window) for a, b in box[:2])
+        knots = self.knots or tuple(_knots(b - a, KNOTS[flat] * window) for a, b in box[:2])
         along_z = 1 if flat else _knots(part.height, window)
         return (
             Axis(*box[0], knots[0]),
@@ -243,6 +248,7 @@ class IsolinePattern(AbstractPattern):
     - `room`: for centre lines.
     - `poisson`: solves for a function whose Laplacian is controlled; `sources`: which are.
     - `waves`: of each axis, by which steps are scaled.
+    - `width_bases`: of a width field along x and y, where design looks.
     - `width`: road width, mm, where it is not a control; `width_range`: what it may be.
     - `reach`: longest span of a road over the lines of the other family, mm.
     - `heights`: middle and height of each layer, mm.
@@ -253,6 +259,7 @@ class IsolinePattern(AbstractPattern):
     room: Room
     poisson: Poisson | None
     waves: tuple[tuple[Array, Array], ...]
+    width_bases: tuple[Array, ...]
     width: float
     width_range: tuple[float, float]
     reach: float
@@ -271,7 +278,7 @@ class IsolinePattern(AbstractPattern):
         xi, eta = self.coefficients(controls)
         gradient = self.lattice.gradient(xi), self.lattice.gradient(eta)
         density = tuple(jnp.sqrt(a * a + b * b + _FLAT**2) for a, b in gradient)
-        width = self.width_at(controls, self.room.x, self.room.y)
+        width = self.width_at(controls, self.width_bases)
         made = jnp.isfinite(density[0].sum() + density[1].sum())
         return Realised((xi, eta), gradient, (density[0], density[1]), width, made)
 
@@ -283,18 +290,18 @@ class IsolinePattern(AbstractPattern):
             eta = self.poisson.coefficients(eta) if self.sources[1] else eta
         return xi, eta
 
-    def width_at(self, controls: Controls, x: Any, y: Any) -> Array:
-        """Road width, mm, on a lattice (n, m, 1), or one for all (1, 1, 1)."""
+    def width_at(self, controls: Controls, bases: Sequence[Any]) -> Array:
+        """Road width, mm, on a lattice (n, m, 1), or one for all (1, 1, 1).
+
+        `bases` are those of a width field along x and y there.
+        """
         if controls.width is None:
             return jnp.full((1, 1, 1), self.width)
         low, high = self.width_range
         if controls.width.ndim == 0:
             return within(controls.width, low, high).reshape(1, 1, 1)
-        bases = [
-            jnp.asarray(Axis(axis.low, axis.high, count).basis(np.asarray(places)))
-            for axis, count, places in zip(self.axes[:2], controls.width.shape, (x, y), strict=True)
-        ]
-        return within(bases[0] @ controls.width @ bases[1].T, low, high)[..., None]
+        free = bases[0] @ controls.width @ jnp.asarray(bases[1]).T
+        return within(free, low, high)[..., None]
 
     def deposit(self, realised: Realised) -> Raster:
         """Lines by |grad| over the room for centre lines, and turn-arounds along its walls.
@@ -351,30 +358,28 @@ class IsolinePattern(AbstractPattern):
     def roughness(self, controls: Controls) -> Float[Array, " n"]:
         pieces = []
         for source, values in zip(self.sources, (controls.xi, controls.eta), strict=True):
-            order = 1 if source else 3
-            weight = _SMOOTH**2 * (self.axes[0].step * self.axes[1].step if source else 1)
-            for axis, along in enumerate(self.axes):
-                if values.shape[axis] > 1:
-                    step = self.axes[0].step * self.axes[1].step
-                    pieces.append(weight / step * jnp.diff(values, order, axis=axis).ravel())
+            # The slope of a function's Laplacian is a third derivative of it.
+            order, weight = (1, _SMOOTH**2) if source else (3, _SMOOTH**2 / self._knot_area)
+            inner = values[1:-1, 1:-1] if source else values
+            for axis in range(3):
+                if inner.shape[axis] > 1:
+                    pieces.append(weight * jnp.diff(inner, order, axis=axis).ravel())
         if controls.width is not None and controls.width.ndim:
             for axis in (0, 1):
                 change = jnp.diff(controls.width, 2, axis=axis).ravel()
                 pieces.append(change / np.sqrt(controls.width.size))
         return jnp.concatenate(pieces)
 
-    def scale(self, step: Controls) -> Controls:
-        def functions(values: Array, source: bool) -> Array:
-            if source:
-                inner = values.at[1:-1, 1:-1].divide(_STEP**2)
-                return inner
-            return _smoothed(values, self.waves)
+    @property
+    def _knot_area(self) -> float:
+        return self.axes[0].step * self.axes[1].step
 
-        return Controls(
-            functions(step.xi, self.sources[0]),
-            functions(step.eta, self.sources[1]),
-            step.width,
+    def scale(self, step: Controls) -> Controls:
+        xi, eta = (
+            values.at[1:-1, 1:-1].divide(_STEP**2) if source else _smoothed(values, self.waves)
+            for source, values in zip(self.sources, (step.xi, step.eta), strict=True)
         )
+        return Controls(xi, eta, step.width)
 
     def widths(self, realised: Realised) -> tuple[Array, Array]:
         return realised.width.min(), realised.width.max()
@@ -383,7 +388,7 @@ class IsolinePattern(AbstractPattern):
         xi, eta = (np.asarray(each) for each in self.coefficients(controls))
         places = [_between_knots(axis) for axis in self.axes[:2]]
         bases = [axis.basis(at) for axis, at in zip(self.axes, places, strict=False)]
-        width = np.asarray(self.width_at(controls, *places))
+        width = np.asarray(self.width_at(controls, _width_bases(self.axes, controls.width, places)))
         flat = self.axes[2].count == 1
         made: dict[tuple[Scan, float], Lines] = {}
         for (z, _), scans in zip(self.heights, self.stacking.scans, strict=True):
@@ -392,7 +397,8 @@ class IsolinePattern(AbstractPattern):
                 at = scan, 0.0 if flat else z
                 if at not in made:
                     function = (xi, eta)[FAMILIES.index(scan.family)]
-                    values = product(function, *bases, self.axes[2].basis(np.array([z])))[..., 0]
+                    x, y = bases
+                    values = product(function, x, y, self.axes[2].basis(np.array([z])))[..., 0]
                     made[at] = _lines(places, values, width[..., 0], scan)
                 layer.append(made[at])
             yield layer
@@ -483,7 +489,7 @@ def _asked(room: Room, target: Target) -> tuple[np.ndarray, np.ndarray, np.ndarr
     points, volumes = Raster(room.x, room.y, room.z, volume).points
     kept = volumes > 0
     xyz = points[kept]
-    return xyz, volumes[kept], np.asarray(target.solid(*xyz.T))
+    return xyz, np.asarray(volumes[kept]), np.asarray(target.solid(*xyz.T))
 
 
 def _straight(axes: tuple[Axis, Axis, Axis], both: Any, twist: float) -> list[np.ndarray]:
@@ -521,6 +527,17 @@ def _smoothed(values: Array, waves: tuple[tuple[Array, Array], ...]) -> Array:
     parts = product(values, x.T, y.T, z.T)
     parts = parts / (1 + of_x[:, None, None] + of_y[:, None] + of_z)
     return product(parts, x, y, z)
+
+
+def _width_bases(
+    axes: tuple[Axis, Axis, Axis], width: Any, places: Sequence[np.ndarray]
+) -> list[np.ndarray]:
+    """Bases of a width field at places along x and y; none where the width is no field."""
+    counts = () if width is None else np.shape(width)
+    return [
+        Axis(axis.low, axis.high, count).basis(at)
+        for axis, count, at in zip(axes, counts, places, strict=False)
+    ]
 
 
 def _between_knots(axis: Axis) -> np.ndarray:

@@ -219,9 +219,10 @@ def _patch_of(part: Part, target: Target) -> Patch:
     if target.varies_in_z:
         raise InputError(f"target: varies along z; {need}")
     heights = {slab.height for slab in part.slabs}
-    if len(part.regions) > 1 or len(heights) > 1 or len(part.regions[0].polygons) > 1:
+    polygon, *more = part.slabs[0].region.polygons
+    if len(part.regions) > 1 or len(heights) > 1 or more:
         raise InputError(f"part: its layers differ, or hold several polygons; {need}")
-    return part.patch or from_polygon(part.regions[0].polygons[0])
+    return part.patch or from_polygon(polygon)
 
 
 def _lengths(patch: Patch) -> tuple[float, float]:

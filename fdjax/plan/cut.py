@@ -55,8 +55,8 @@ def cut_lines(lines: Sequence[Floats], widths: Sequence[Floats], walls: Walls) -
     by line, each the way its line runs. A line whose last point is its first is closed: no piece
     ends there.
 
-    A stretch that leaves the free region by less than `walls.press` road widths and runs along the wall
-    (the first and last lines of a family do, give or take rounding) is replaced by the wall
+    A stretch that leaves the free region by less than `walls.press` road widths and runs along the
+    wall (the first and last lines of a map do, give or take rounding) is replaced by the wall
     itself, so that it neither breaks into fragments nor comes closer to the outline than half a
     road; a stretch that crosses the wall ends there.
     """

@@ -35,6 +35,7 @@ def lay_lines(
     lift_length: float,
     longest_join: float | None = None,
     least_spacing: float | None = None,
+    least_road: float = 0.0,
     tolerance: float = 0.0,
     start: ArrayLike | None = None,
 ) -> Laid:
@@ -50,6 +51,7 @@ def lay_lines(
     - `lift_length`: a join may be so much longer than the straight way, mm.
     - `longest_join`: along the wall, mm; None: `LONGEST_JOIN`.
     - `least_spacing`: of centre lines, mm; None: the mean of the two roads' widths.
+    - `least_road`: shorter roads are not laid, mm; nor any of less than `SHORTEST_ROAD` widths.
     - `tolerance`: points within this of a straight road are dropped, mm.
     - `start`: where the head comes from; the roads start near it.
 
@@ -93,7 +95,10 @@ def lay_lines(
 
     roads = [road(*_deposit(pieces, joins, run)) for run in joins.runs(len(pieces))]
     roads = simplify_roads(roads, tolerance=tolerance / 2)
-    long = [road.length >= SHORTEST_ROAD * road.width.mean() for road in roads]
+    long = [
+        road.length >= max(SHORTEST_ROAD * road.width.mean(), least_road + tolerance)
+        for road in roads
+    ]
     left_out = [road(piece.xy, piece.width) for piece in gone]
     left_out += [road for road, keep in zip(roads, long, strict=True) if not keep]
     roads = [road for road, keep in zip(roads, long, strict=True) if keep]

@@ -141,6 +141,25 @@ class Build:
         """Volume of lines that were left out because others lie too near, mm^3."""
         return sum(layer.thinned for layer in self.layers)
 
+    def deposits(self, step: float) -> tuple[Floats, Floats]:
+        """The roads in pieces no longer than `step` mm: middles (n, 3), mm, and volumes (n,), mm^3.
+
+        A piece's z is the middle of its layer.
+        """
+        places, volumes = [np.zeros((0, 3))], [np.zeros(0)]
+        for layer in self.layers:
+            for road in layer.roads:
+                path, length = road.path, road.segment_lengths
+                count = np.maximum(np.ceil(length / step), 1).astype(int)
+                owner = np.repeat(np.arange(len(count)), count)
+                number = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+                share = ((number + 0.5) / count[owner])[:, None]
+                xy = (1 - share) * path[:-1][owner] + share * path[1:][owner]
+                z = np.full((len(xy), 1), layer.z - layer.height / 2)
+                places.append(np.concatenate([xy, z], 1))
+                volumes.append((road.segment_volumes(layer.height) / count)[owner])
+        return np.concatenate(places), np.concatenate(volumes)
+
     def replace(self, **changes: Any) -> "Build":
         """A copy with some fields changed."""
         return replace(self, **changes)

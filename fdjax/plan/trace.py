@@ -15,7 +15,8 @@ from fdjax.road.stroke import Lines
 
 LAYING: dict[type, Callable[..., Laid]] = {Lines: lay_lines}
 """How each kind of stroke is laid: its class and the function, which is called with the stroke and
-a `Room`, and by keyword `lift_length`, `longest_join`, `least_spacing`, `tolerance`, `start`."""
+a `Room`, and by keyword `lift_length`, `longest_join`, `least_spacing`, `least_road`, `tolerance`,
+`start`."""
 
 
 def lay(
@@ -28,16 +29,17 @@ def lay(
     name: str = "part",
     least_spacing: float | None = None,
     longest_join: float | None = None,
+    least_road: float = 0.0,
 ) -> Build:
     """The build that lays these strokes, a sequence for each layer of the part, from the bed up.
 
     Beads stay inside each layer's region. Lines are joined along the walls where that is no more
     than `lift_length` mm longer than the straight way and no more than `longest_join` mm long, and
-    thinned where they come nearer than `least_spacing` mm (see `lay_lines`); what that leaves out
-    is `thinned` of each layer. Points within `tolerance` (mm) of a straight road are dropped.
-    Beads keep `clearance` (mm) more from all walls, for what dropping points and rounding to the
-    machine's steps may take away again. Layers that repeat the same strokes (the same objects)
-    over the same region are laid alike.
+    thinned where they come nearer than `least_spacing` mm, and roads shorter than `least_road` mm
+    are not laid (see `lay_lines`); what that leaves out is `thinned` of each layer. Points within
+    `tolerance` (mm) of a straight road are dropped. Beads keep `clearance` (mm) more from all
+    walls, for what dropping points and rounding to the machine's steps may take away again. Layers
+    that repeat the same strokes (the same objects) over the same region are laid alike.
 
     Raises `InputError` for a region with no room for a road, strokes of a kind that is not known,
     and layers that are not as many as the part's.
@@ -64,6 +66,7 @@ def lay(
                 lift_length=lift_length,
                 longest_join=longest_join,
                 least_spacing=least_spacing,
+                least_road=least_road,
                 tolerance=tolerance,
             )
         result.append(_layer(slab, laid[key]))

@@ -1,8 +1,9 @@
-"""Where a pattern puts its material, as design sees it: volumes at places, without single roads."""
+"""Where a pattern puts its material, as design sees it: volumes at places, without single roads.
+
+Arrays are NumPy's or JAX's.
+"""
 
 from typing import Any, NamedTuple
-
-from jaxtyping import Array, Float
 
 from fdjax.arrays import namespace
 
@@ -13,8 +14,8 @@ class Points(NamedTuple):
     - `xyz`: shape (n, 3), mm; `volume`: shape (n,), mm^3, in the whole part.
     """
 
-    xyz: Float[Array, "n 3"]
-    volume: Float[Array, " n"]
+    xyz: Any
+    volume: Any
 
 
 class Raster(NamedTuple):
@@ -23,10 +24,10 @@ class Raster(NamedTuple):
     - `x`, `y`, `z`: shapes (n,), (m,), (p,), mm; `volume`: shape (n, m, p), mm^3.
     """
 
-    x: Float[Array, " n"]
-    y: Float[Array, " m"]
-    z: Float[Array, " p"]
-    volume: Float[Array, "n m p"]
+    x: Any
+    y: Any
+    z: Any
+    volume: Any
 
     @property
     def points(self) -> Points:
