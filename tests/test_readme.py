@@ -1,12 +1,14 @@
-"""The README is true: its script runs, its table is the code's, what it names is there."""
+"""The front page and the pages behind it are true: scripts run, tables are the code's."""
 
 import ast
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 import fdjax
 from fdjax.app import config
@@ -15,15 +17,72 @@ from fdjax.formats import read_file
 from fdjax.machine.protocols import PROTOCOLS
 
 ROOT = Path(__file__).parent.parent
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for folder in ("fdjax", "examples")
+    for path in [ROOT / "README.md", *(ROOT / folder).rglob("*.md")]
+}
+README = PAGES["README.md"]
 PLATE = ROOT / "examples" / "plate.py"
 SET_UP, TESTS = re.findall(r"^.*\.venv/bin/pip install.*$", README, re.MULTILINE)
+EACH_PAGE = pytest.mark.parametrize("page", PAGES)
 
 
-def between(mark: str) -> str:
-    """What stands between two comments `<!-- mark -->` and `<!-- /mark -->`."""
-    (text,) = re.findall(rf"<!-- {mark} -->\n(.*)<!-- /{mark} -->", README, re.DOTALL)
+def between(mark: str, page: str = "README.md") -> str:
+    """What stands between two comments `<!-- mark -->` and `<!-- /mark -->` on a page."""
+    (text,) = re.findall(rf"<!-- {mark} -->\n(.*)<!-- /{mark} -->", PAGES[page], re.DOTALL)
     return text
+
+
+def anchors_of(page: str) -> set[str]:
+    headings = re.findall(r"^##* (.*)$", PAGES[page], re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
+
+
+def links_of(page: str) -> list[tuple[str, str]]:
+    """Where links of a page lead: paths from the root, and the anchor there or ""."""
+    found = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
+        if not link.startswith("http"):
+            path, _, anchor = link.partition("#")
+            home = (ROOT / page).parent / path if path else ROOT / page
+            found.append((home.resolve().relative_to(ROOT.resolve()).as_posix(), anchor))
+    return found
+
+
+def commands() -> list[str]:
+    """The commands that any page names, in text and in blocks of the shell's."""
+    text = "\n".join(PAGES.values())
+    blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL))
+    return sorted({*re.findall(r"`fdjax (\w+)", text), *re.findall(r"\bfdjax (\w+)", blocks)})
+
+
+def test_the_front_page_is_short_and_has_a_small_picture():
+    assert len(README.encode()) < 12_000
+    (picture,) = re.findall(r"!\[.+\]\((.+)\)", README)
+    assert (ROOT / picture).stat().st_size < 150_000
+    with Image.open(ROOT / picture) as image:
+        assert image.size[0] >= 1000
+
+
+@EACH_PAGE
+def test_links_lead_somewhere(page):
+    for path, anchor in links_of(page):
+        assert (ROOT / path).exists(), path
+        assert not anchor or anchor in anchors_of(path), f"{path}#{anchor}"
+
+
+def test_every_page_is_found_from_the_front_page():
+    found, new = set(), {"README.md"}
+    while new:
+        found |= new
+        new = {path for page in new for path, _ in links_of(page) if path in PAGES} - found
+    assert found == set(PAGES)
+
+
+def test_the_job_on_the_front_page_can_be_read():
+    (text,) = re.findall(r"```toml\n(.*?)```", README, re.DOTALL)
+    assert config.parse(tomllib.loads(text)).kind == "isolines"
 
 
 def test_python_block_is_the_example():
@@ -55,12 +114,14 @@ def test_example_runs(tmp_path):
 
 
 def test_job_table_is_up_to_date():
-    assert between("job table") == config.table() + "\n"
+    assert between("job table", "fdjax/app/README.md") == config.table() + "\n"
 
 
 def test_protocols_promise_what_the_code_says():
     rows = [f"| {name} | {kind.guarantee} |\n" for name, kind in PROTOCOLS.items()]
-    assert between("protocols") == "| firmware | promise |\n|---|---|\n" + "".join(rows)
+    assert between(
+        "protocols", "fdjax/machine/README.md"
+    ) == "| firmware | promise |\n|---|---|\n" + "".join(rows)
 
 
 def test_set_up_lines_are_what_is_checked():
@@ -83,8 +144,10 @@ def test_outputs_are_those_of_the_job():
     assert sorted(named) == sorted(job.outputs)
 
 
-def test_files_that_it_names_are_there():
-    named = re.findall(r"(?<![/\w])(?:examples|fdjax|tests|\.ci)/[\w./-]*", README)
+@EACH_PAGE
+def test_files_that_it_names_are_there(page):
+    text = re.sub(r"\]\([^)]*\)", "]", PAGES[page]).replace("\\_", "_")
+    named = re.findall(r"(?<![/\w])(?:examples|fdjax|tests|\.ci)/[\w./-]*", text)
     assert [name for name in named if not (ROOT / name.rstrip(".")).exists()] == []
 
 
@@ -94,31 +157,26 @@ def test_examples_are_all_named():
     assert examples <= set(re.findall(r"\]\((examples/[\w.]+)\)", README))
 
 
-@pytest.mark.parametrize("command", sorted(set(re.findall(r"`fdjax (\w+)", README))))
+@pytest.mark.parametrize("command", commands())
 def test_commands_that_it_names_are_there(command, capsys):
     assert main([command, "--help"]) == 0
     assert command in capsys.readouterr().out
 
 
-def test_options_that_it_names_are_there(capsys):
+@pytest.mark.parametrize(
+    "page", ["README.md", *(f"fdjax/{room}/README.md" for room in ("app", "formats", "machine"))]
+)
+def test_options_that_it_names_are_there(page, capsys):
     for command in ("design", "measure", "send", "virtual", "machines"):
         main([command, "--help"])
     text = capsys.readouterr().out
-    section = README.split("## Commands")[1].split("\n## ")[0]
-    for option in set(re.findall(r"--[a-z][a-z-]*", section)):
+    for option in set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", PAGES[page])):
         assert option in text
 
 
-def test_links_inside_it_lead_somewhere():
-    headings = re.findall(r"^## (.*)$", README, re.MULTILINE)
-    anchors = {re.sub(r"[^\w -]", "", heading).lower().replace(" ", "-") for heading in headings}
-    for anchor in re.findall(r"\]\(#([\w-]+)\)", README):
-        assert anchor in anchors
-
-
 def rooms_in_order() -> list[str]:
-    section = README.split("## Layout")[1]
-    return re.findall(r"`fdjax/(\w+)(?:/|\.py)`", section)
+    """As the page on the layout lists them."""
+    return re.findall(r"`fdjax/(\w+)(?:/|\.py)`", PAGES["fdjax/README.md"])
 
 
 def imports_of(path: Path) -> set[str]:
@@ -144,11 +202,13 @@ def test_rooms_import_from_rooms_above():
         above = order[: order.index(room)]
         for module in imports_of(path):
             other = module.split(".")[0]
-            exception = room in ("pattern", "design") and module == "plan.limits"
-            assert other == room or other in above or exception, f"{path}: {module}"
+            assert other == room or other in above, f"{path}: {module}"
             if room == "machine":
                 assert other in ("errors", "units", "formats", *following, room)
             if room in ("plan", "formats", "view"):
-                assert (
-                    other in ("errors", "units", "plan", *following, room) or module == "road.bead"
-                )
+                light = other in ("errors", "units", "limits", "part", "plan", *following, room)
+                assert light or module in WITHOUT_JAX, f"{path}: {module}"
+
+
+WITHOUT_JAX = ("road.bead", "road.stroke", "target.field")
+"""What rooms that load no JAX take from rooms that do."""

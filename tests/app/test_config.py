@@ -151,7 +151,6 @@ def test_phi_of_the_paper_and_of_the_unit_square():
         ('"transfinite"', "3", "[pattern] map: 3 is not one of uniform, "),
         ('["spacing", "width"]', '["spacing", "wide"]', 'controls: "wide" is not one of'),
         ('["spacing", "width"]', '["width", "width"]', 'controls: "width" is given twice'),
-        ('["spacing", "width"]', "[]", "[design] controls: is empty"),
         ('"graded_plate"', '"../plate"', 'name: "../plate" cannot name files'),
         ('"graded_plate"', '""', 'name: "" cannot name files'),
         ('"graded_plate"', "2020-01-01", "name: 2020-01-01 cannot name files"),

@@ -21,6 +21,7 @@ from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import Newton
 from fdjax.optimise.design import Design
 from fdjax.part.patch import cosine_top
+from fdjax.pattern.map_lines import SOLVERS
 
 JOB = """
 machine = "marlin-0.4"
@@ -34,6 +35,7 @@ porosity = "0.7 + 0.15*(x/15 - 1)*(y/10 - 1)"
 window = "5mm"
 tolerance = 0.02
 [pattern]
+map = "transfinite"
 phases = 2
 road_width = "0.4mm"
 [design]
@@ -41,7 +43,7 @@ controls = ["spacing", "width"]
 iterations = 30
 """
 MACHINE_FILES = {"saddle.gcode", "saddle.sml", "saddle.ssl"}
-REPORT = {"report.json", "grid.png", "porosity.png"}
+REPORT = {"report.json", "grid.png", "roads.png", "porosity.png"}
 
 
 def written(job: Path, **changes: str) -> Path:
@@ -99,7 +101,7 @@ def test_a_job_makes_all_its_files_and_no_other(finished):
     assert finished.code == 0
     assert names(finished.folder) == MACHINE_FILES | REPORT
     assert names(finished.folder.parent) == {"out"}
-    for picture in ("grid.png", "porosity.png"):
+    for picture in ("grid.png", "roads.png", "porosity.png"):
         with Image.open(finished.folder / picture) as image:
             assert min(image.size) > 300
 
@@ -283,7 +285,7 @@ def test_the_solver_of_jobs_is_led_to_sources_that_newton_fails_on():
     def reports(p):
         return [
             Elliptic(sides, p=p, q=-p, nodes=(41, 31), solver=solver).solve()[1]
-            for solver in (Newton(), run.SOLVERS["newton"])
+            for solver in (Newton(), SOLVERS["newton"])
         ]
 
     alone, led = reports(4e-4)
