@@ -130,9 +130,8 @@ def ways_along(
     """All joins that could be made, shortest first, and pairs of them that cannot be both made.
 
     A join runs along the wall between two ends that are neighbours on it. It is at most
-    `longest_join` mm long and at most `lift_length` mm longer than the straight way. It keeps half
-    a road's width from every other road; from the two that it joins it keeps `APART` widths beyond
-    its own turn: where a line meets the wall at so small an angle that it would not, the line
+    `longest_join` mm long and at most `lift_length` mm longer than the straight way. It keeps
+    `APART` widths from every other road, and from the two that it joins beyond its own turn: where a line meets the wall at so small an angle that it would not, the line
     ends early and the join starts across the wedge.
     """
     found = _Finder(pieces, chords, walls)
@@ -196,7 +195,8 @@ class _Finder:
         """Those that keep away from roads, cut short where they must, and those in conflict."""
         width = self.walls.road_width
         lines = _lines(ways)
-        which, chord = self.chords.tree.query(lines, predicate="dwithin", distance=width / 2)
+        apart = APART * width
+        which, chord = self.chords.tree.query(lines, predicate="dwithin", distance=apart)
         own = np.array([way.ends for way in ways]) // 2
         same = own[which] == self.chords.owner[chord][:, None]
         blocked = np.zeros(len(ways), bool)
@@ -205,7 +205,7 @@ class _Finder:
             mine = same[:, side]
             end = np.array([way.ends[side] for way in ways])[which[mine]]
             beyond = self._beyond(end, chord[mine])
-            blocked[which[mine][shapely.distance(beyond, lines[which[mine]]) < width / 2]] = True
+            blocked[which[mine][shapely.distance(beyond, lines[which[mine]]) < apart]] = True
         cut = self._cuts(ways, lines)
         clear = [
             made
@@ -215,7 +215,7 @@ class _Finder:
         if not clear:
             return [], set()
         lines = _lines(clear)
-        i, j = STRtree(lines).query(lines, predicate="dwithin", distance=width / 2)
+        i, j = STRtree(lines).query(lines, predicate="dwithin", distance=apart)
         pairs = zip(i[i < j].tolist(), j[i < j].tolist(), strict=True)
         near = {(a, b) for a, b in pairs if not set(clear[a].ends) & set(clear[b].ends)}
         return clear, near
