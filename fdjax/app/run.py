@@ -62,13 +62,8 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         progress=show,
     )
     progress("planning roads")
-    plans = {main: _plan(job, result, main)}
-    for _ in range(job.pattern.corrections):
-        result = result.corrected(*plans[main].deposits(job.target.window / 10), progress=show)
-        plans = {main: _plan(job, result, main)}
-    recounted = result.recounted(plans[main].volume)
-    if recounted is not result:
-        result, plans = recounted, {}
+    result, plan = _planned(job, result, main, target, show)
+    plans = {main: plan}
     written = []
     for kind, machine in machines.items():
         if machine not in plans:
@@ -99,6 +94,36 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     return table_of(
         job, result, written, [*notes, *report["design"]["pattern"].get("warnings", ())]
     )
+
+
+def _planned(
+    job: Job, result: Design, machine: Machine, target: Target, show: Callable[[Progress], None]
+) -> tuple[Design, Build]:
+    """The design and its plan, corrected and counted anew where that makes the plan better."""
+    plan = _plan(job, result, machine)
+    best = result, plan, _faultiness(job, plan, machine, target)
+    for _ in range(job.pattern.corrections):
+        result = result.corrected(*plan.deposits(job.target.window / 10), progress=show)
+        plan = _plan(job, result, machine)
+        faultiness = _faultiness(job, plan, machine, target)
+        if faultiness < best[2]:
+            best = result, plan, faultiness
+    result, plan, _ = best
+    recounted = result.recounted(plan.volume)
+    return (result, plan) if recounted is result else (recounted, _plan(job, recounted, machine))
+
+
+def _faultiness(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[int, float]:
+    """Errors of a plan, and the RMS of its windows, where they are and shifted by half."""
+    if not job.pattern.corrections:
+        return 0, 0.0
+    found = check(plan, machine.limits, both_families=job.pattern.mode.startswith("both"))
+    window = job.target.window
+    misses = [
+        compare(measure(plan, window=window, shift=shift), target).rms
+        for shift in ((0.0, 0.0), (0.5, 0.5))
+    ]
+    return sum(each.severity == "error" for each in found), sum(miss**2 for miss in misses)
 
 
 def _plan(job: Job, result: Design, machine: Machine) -> Build:
