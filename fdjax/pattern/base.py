@@ -29,9 +29,9 @@ class Panel(NamedTuple):
     """
 
     name: str
-    x: Array
-    y: Array
-    values: Array
+    x: Any
+    y: Any
+    values: Any
 
 
 class AbstractPattern(eqx.Module):

@@ -208,13 +208,16 @@ class Controls(eqx.Module):
 
 
 class Lattice(NamedTuple):
-    """The bases of the splines at the places where design looks, by axis, and their slopes."""
+    """The bases of the splines at the places where design looks, by axis, and their slopes.
 
-    x: Float[Array, "n K"]
-    y: Float[Array, "m L"]
-    z: Float[Array, "p M"]
-    slope_x: Float[Array, "n K"]
-    slope_y: Float[Array, "m L"]
+    Arrays, NumPy's or JAX's: `x` (n, K), `y` (m, L), `z` (p, M), `slope_x`, `slope_y`.
+    """
+
+    x: Any
+    y: Any
+    z: Any
+    slope_x: Any
+    slope_y: Any
 
     @classmethod
     def of(cls, axes: tuple[Axis, Axis, Axis], room: Room) -> "Lattice":
@@ -222,7 +225,7 @@ class Lattice(NamedTuple):
         bases = (x.basis(room.x), y.basis(room.y), z.basis(room.z))
         return cls(*map(jnp.asarray, (*bases, x.basis(room.x, 1), y.basis(room.y, 1))))
 
-    def gradient(self, coefficients: Float[Array, "K L M"]) -> tuple[Array, Array]:
+    def gradient(self, coefficients: Any) -> tuple[Any, Any]:
         """Slopes along x and along y on the lattice, (n, m, p), 1/mm."""
         along_x = product(coefficients, self.slope_x, self.y, self.z)
         return along_x, product(coefficients, self.x, self.slope_y, self.z)

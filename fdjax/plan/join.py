@@ -131,8 +131,9 @@ def ways_along(
 
     A join runs along the wall between two ends that are neighbours on it. It is at most
     `longest_join` mm long and at most `lift_length` mm longer than the straight way. It keeps
-    `APART` widths from every other road, and from the two that it joins beyond its own turn: where a line meets the wall at so small an angle that it would not, the line
-    ends early and the join starts across the wedge.
+    `APART` widths from every other road, and from the two that it joins beyond its own turn: where
+    a line meets the wall at so small an angle that it would not, the line ends early and the join
+    starts across the wedge.
     """
     found = _Finder(pieces, chords, walls)
     return found.ways(lift_length, longest_join)
