@@ -214,4 +214,4 @@ def _sums(pattern: AbstractPattern, windows: SoftWindows) -> Any:
 
 def _recounted(pattern: AbstractPattern, asked: float) -> AbstractPattern:
     """The pattern with its count of lines, where it has one, fitted to the volume in the model."""
-    return pattern.counted(asked, float(_volume(pattern)))
+    return pattern.counted(asked, float(_volume(pattern))) if pattern.mean_by_count else pattern

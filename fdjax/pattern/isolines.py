@@ -405,16 +405,17 @@ class IsolinePattern(AbstractPattern):
 
     def facts(self, controls: Controls) -> dict[str, Any]:
         """Lines, knots, spacings, and the P = lap(xi) and Q = lap(eta) of eq. (5) inside."""
-        realised = self.realise(controls)
         inside = np.asarray(self.room.area[0] > 0)
-        sources = {
-            name: np.asarray(values)[inside]
-            for name, values in zip(("p", "q"), self.laplacians(controls), strict=True)
-        }
-        density = [np.asarray(each)[inside] for each in realised.density]
+        lattice = Lattice(*map(np.asarray, self.lattice))
+        functions = [np.asarray(each) for each in self.coefficients(controls)]
+        density = [np.hypot(*lattice.gradient(each))[inside] for each in functions]
         spacing = {
-            f: [float(1 / d.max()), float(1 / d.min())]
-            for f, d in zip(FAMILIES, density, strict=True)
+            family: [float(1 / own.max()), float(1 / max(own.min(), _FLAT))]
+            for family, own in zip(FAMILIES, density, strict=True)
+        }
+        sources = {
+            name: values[inside]
+            for name, values in zip(("p", "q"), self.laplacians(controls), strict=True)
         }
         return {
             "kind": "isolines",
@@ -427,28 +428,25 @@ class IsolinePattern(AbstractPattern):
         }
 
     def pictures(self, controls: Controls) -> dict[str, tuple[Panel, ...]]:
-        x, y = (jnp.linspace(axis.low, axis.high, 6 * axis.count) for axis in self.axes[:2])
+        x, y = (np.linspace(axis.low, axis.high, 6 * axis.count) for axis in self.axes[:2])
         p, q = (each[..., -1] for each in self.laplacians(controls, x, y))
         return {"laplacians": (Panel("P = lap(ξ)", x, y, p), Panel("Q = lap(η)", x, y, q))}
 
     def laplacians(
-        self, controls: Controls, x: Array | None = None, y: Array | None = None
-    ) -> tuple[Array, Array]:
+        self, controls: Controls, x: np.ndarray | None = None, y: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """P = lap(xi) and Q = lap(eta) on a lattice, (n, m, p), 1/mm^2; where design looks, if no
         other x (n,) and y (m,) are given.
         """
-        places = (
-            np.asarray(self.room.x if x is None else x),
-            np.asarray(self.room.y if y is None else y),
-        )
+        places = self.room.x if x is None else x, self.room.y if y is None else y
         (along_x, bend_x), (along_y, bend_y) = (
-            (jnp.asarray(axis.basis(at)), jnp.asarray(axis.basis(at, 2)))
+            (axis.basis(np.asarray(at)), axis.basis(np.asarray(at), 2))
             for axis, at in zip(self.axes, places, strict=False)
         )
-        z = self.lattice.z
+        z = np.asarray(self.lattice.z)
         xi, eta = (
             product(each, bend_x, along_y, z) + product(each, along_x, bend_y, z)
-            for each in self.coefficients(controls)
+            for each in map(np.asarray, self.coefficients(controls))
         )
         return xi, eta
 

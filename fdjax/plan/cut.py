@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Point, contains_xy, linestrings
 
-from fdjax.plan.room import Sides, Walls
+from fdjax.plan.room import Walls
 from fdjax.plan.wall import Wall
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,7 @@ def cut_lines(lines: Sequence[Floats], widths: Sequence[Floats], walls: Walls) -
     """
     slack = walls.press * walls.road_width
     family = _Family.of(lines, widths)
-    breaks = _Breaks.of(family, walls.sides, len(walls.rings))
+    breaks = _Breaks.of(family, walls)
     middle = family.point((breaks.at[1:] + breaks.at[:-1]) / 2)
     state = np.where(contains_xy(walls.near, middle), _BETWEEN, _OUTSIDE)
     state[contains_xy(walls.free, middle)] = _FREE
@@ -127,11 +127,15 @@ class _Breaks:
     position: Floats
 
     @classmethod
-    def of(cls, family: _Family, sides: Sides, walls: int) -> "_Breaks":
-        """Where the family meets sides; only the first `walls` rings count as walls."""
+    def of(cls, family: _Family, walls: Walls) -> "_Breaks":
+        """Where the family meets the walls' sides."""
+        sides = walls.sides
         segment = np.ones(len(family.xy), bool)
         segment[family.first[1:] - 1] = False
         index = np.flatnonzero(segment)
+        # Most segments lie too deep in the room to reach a wall.
+        longest = float(np.hypot(*(family.xy[index + 1] - family.xy[index]).T).max(initial=0.0))
+        index = index[~contains_xy(walls.deep(longest), family.xy[index])]
         ends = np.stack([family.xy[index], family.xy[index + 1]], 1)
         found, side = sides.tree.query(linestrings(ends))
         p, r = ends[found, 0], ends[found, 1] - ends[found, 0]
@@ -149,7 +153,7 @@ class _Breaks:
         limits = np.concatenate([family.first[:-1], family.first[1:] - 1]).astype(float)
         at = np.concatenate([index[found[hit]] + t, limits])
         none = np.full(len(limits), -1)
-        wall = np.concatenate([np.where(ring < walls, ring, -1), none])
+        wall = np.concatenate([np.where(ring < len(walls.rings), ring, -1), none])
         along = sides.at[side] + u * np.hypot(*s[hit].T)
         along = np.concatenate([along, np.zeros(len(limits))])
         order = np.argsort(at, kind="stable")

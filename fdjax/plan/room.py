@@ -31,6 +31,7 @@ class Walls:
     near: Polygon | MultiPolygon
     rings: tuple[Wall, ...]
     outer: tuple[Wall, ...]
+    _deep: dict[float, Polygon | MultiPolygon] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -43,6 +44,15 @@ class Walls:
         inner, outer = (tuple(Wall.of(ring) for ring in rings(each)) for each in (free, near))
         shapely.prepare([free, near])
         return cls(road_width, press, free, near, inner, outer)
+
+    def deep(self, reach: float) -> Polygon | MultiPolygon:
+        """What of the free region lies further than `reach` mm from every wall; may be empty."""
+        # Rounded up, so that lines of like steps share it.
+        key = 0.25 * np.ceil(reach / 0.25)
+        if key not in self._deep:
+            self._deep[key] = shapely.buffer(self.free, -key, quad_segs=2)
+            shapely.prepare(self._deep[key])
+        return self._deep[key]
 
     @cached_property
     def sides(self) -> "Sides":

@@ -26,13 +26,15 @@ from fdjax.plan.spacing import approaches
 from fdjax.target.expression import Expression
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from outlines import OUTLINES  # noqa: E402
+from outlines import OUTLINES
 
 TARGETS = {
     "linear": "0.15+0.35*x/80",
     "radial": "0.5-0.35*min(1,hypot(x-40,y-40)/40)",
     "checker": "0.325+0.175*sin(pi*x/40)*sin(pi*y/40)",
-    "two bumps": "0.15+0.35*exp(-((x-25)**2+(y-30)**2)/15**2)+0.3*exp(-((x-55)**2+(y-55)**2)/12**2)",
+    "two bumps": (
+        "0.15+0.35*exp(-((x-25)**2+(y-30)**2)/15**2)+0.3*exp(-((x-55)**2+(y-55)**2)/12**2)"
+    ),
     "step": "where(x<40,0.15,0.45)",
 }
 HEADER = (
@@ -42,7 +44,8 @@ HEADER = (
 
 
 def job(outline: str, target: str) -> str:
-    return f'[part]\nshape = "polygon"\nwkt = "{outline}"\n[target]\nsolid = "{target}"\ntolerance = 1\n'
+    part = f'[part]\nshape = "polygon"\nwkt = "{outline}"\n'
+    return f'{part}[target]\nsolid = "{target}"\ntolerance = 1\n'
 
 
 def run(*arguments: object) -> tuple[int, str, float]:
@@ -66,7 +69,7 @@ def close_share(file: Path) -> float:
 
 
 def deposits(text: str, filament: float = 1.75) -> np.ndarray:
-    """Volumes by E, in pieces of at most 0.1 mm: x, y, volume, (n, 3). Relative E, absolute X, Y."""
+    """Volumes by E, in pieces of at most 0.1 mm: x, y, volume, (n, 3); E relative."""
     x = y = 0.0
     pieces = []
     begun = False
@@ -133,10 +136,10 @@ def main(argv: Sequence[str] | None = None) -> None:
             report = json.loads((folder / "report.json").read_text())
             file = folder / f"{path.stem}.gcode"
             facts = report["files"][file.name]
-            origin = np.array([
-                float(v) for v in re.search(r"fdjax origin = (\S+) (\S+)", file.read_text()).groups()
-            ])  # fmt: skip
-            sums = rms_by_sums(deposits(file.read_text()), outline, TARGETS[target], origin)
+            text = file.read_text()
+            _, x, y = re.search(r"fdjax (origin) = (\S+) (\S+)", text).groups()
+            origin = np.array([float(x), float(y)])
+            sums = rms_by_sums(deposits(text), outline, TARGETS[target], origin)
             mean = (facts["mean_asked"] - facts["mean_got"]) / (1 - facts["mean_asked"])
             row = (
                 facts["rms"], facts["largest"], facts["rms_windows_shifted_by_half"],
