@@ -83,19 +83,24 @@ def keys_of(cls: type, table: str | None = None) -> Keys:
 
 
 def read_values(
-    declared: Keys, table: Any, place: Place, homes: Mapping[str, str] = EMPTY
+    declared: Keys,
+    table: Any,
+    place: Place,
+    homes: Mapping[str, str] = EMPTY,
+    tables: Iterable[str] = (),
 ) -> dict[str, Any]:
     """The keys of a TOML table that are declared, each read by its kind.
 
-    `homes` says of keys that other tables have where they belong. Raises `InputError` for an
-    unknown key (naming the nearest), a missing one, and whatever the kinds refuse.
+    `homes` says of keys that other tables have where they belong, `tables` names what may stand
+    beside these keys. Raises `InputError` for an unknown key (naming the nearest), a missing one,
+    and whatever the kinds refuse.
     """
     if not isinstance(table, Mapping):
         raise place.error("must be a table of keys")
     for name in table:
         if name not in declared:
             hint = f"it belongs in {homes[name]}" if name in homes else ""
-            hint = hint or f'did you mean "{nearest(name, declared)}"?'
+            hint = hint or f'did you mean "{nearest(name, [*declared, *tables])}"?'
             raise place.error(f'unknown key "{name}" ({hint})')
     values = {}
     for name, f in declared.items():

@@ -186,7 +186,7 @@ def parse(
     top = Place(source, folder=folder)
     plain = {name: value for name, value in table.items() if name not in (*_TABLES, "pattern")}
     values: dict[str, Any] = {"name": re.sub(r"[^\w.-]", "_", name, flags=re.A)}
-    values |= read_values(keys_of(Job), plain, top, homes)
+    values |= read_values(keys_of(Job), plain, top, homes, (*_TABLES, "pattern"))
     values["kind"] = _kind(table, top)
     settings = settings_of(values["kind"])
     own = keys_of(settings)

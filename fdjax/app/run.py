@@ -178,9 +178,9 @@ def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) ->
         return
     first = written[0]
     top = first.build.layers[-2:]
-    figures.save(
-        figures.roads_figure(top, outline=outline, title=first.path.name), folder / "roads.png"
-    )
+    if any(layer.roads for layer in top):
+        figure = figures.roads_figure(top, outline=outline, title=first.path.name)
+        figures.save(figure, folder / "roads.png")
     shown = {
         family: [road.path for layer in top for road in layer.roads if road.family == family]
         for family in ("xi", "eta")

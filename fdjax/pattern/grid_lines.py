@@ -226,7 +226,7 @@ class GridLines(AbstractPattern):
 
     def counted(self, asked: float, laid: float) -> "GridLines":
         """The pattern with as many lines, of the family that has more, as the mean asks for."""
-        if self.counts_fixed:
+        if self.counts_fixed or laid <= 0:
             return self
         counts = [int(n) for n in self.comb]
         more = int(np.argmax(counts))

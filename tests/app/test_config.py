@@ -9,8 +9,9 @@ import pytest
 
 from fdjax.app import config
 from fdjax.app.config import Job
-from fdjax.app.part import Circle, Ring, Side
+from fdjax.app.part import Circle, Part, Ring, Side
 from fdjax.errors import InputError
+from fdjax.pattern import PATTERNS, settings_of
 
 PLATE = """
 name = "graded_plate"
@@ -112,9 +113,16 @@ def test_phi_of_the_paper_and_of_the_unit_square():
     table = {
         "part": {"shape": "cosine_top"},
         "target": {"porosity": 0.5},
-        "pattern": {"nodes": [51, 31], "phi_index": 0.03, "psi": 0.9},
+        "pattern": {"map": "elliptic", "nodes": [51, 31], "phi_index": 0.03, "psi": 0.9},
     }
     assert config.parse(table).pattern.phi_psi == pytest.approx((1.5, 0.9))
+
+
+def test_lines_of_a_map_may_be_laid_as_they_are(tmp_path):
+    job = config.load(write(tmp_path, PLATE.replace('["spacing", "width"]', "[]")))
+    assert job.pattern.controls == ()
+    text = fault(tmp_path, PLATE.split("[pattern]")[0] + "[design]\ncontrols = []\n")
+    assert "controls: is empty; give some of coefficients" in text
 
 
 @pytest.mark.parametrize(
@@ -220,10 +228,14 @@ def test_the_table_documents_every_key():
     assert rows[0] == "| key | value | default | meaning |"
     assert all(row.count("|") == 5 for row in rows)
     keys = [row.split("`")[1] for row in rows[2:]]
-    tables = ("part", "target", "pattern", "design")
-    wanted = [f.name for f in dataclasses.fields(Job) if f.name not in tables]
-    for name in tables:
-        kind = next(f.type for f in dataclasses.fields(Job) if f.name == name)
-        wanted += [f"{name}.{f.name}" for f in dataclasses.fields(kind)]  # type: ignore[arg-type]
-    assert keys == wanted
+    tables = {"part": Part, "target": config.TargetSource, "design": config.Design}
+    own = ("part", "target", "pattern", "kind", "design")
+    wanted = [f.name for f in dataclasses.fields(Job) if f.name not in own]
+    for name, kind in tables.items():
+        wanted += [f"{name}.{f.name}" for f in dataclasses.fields(kind)]
+    wanted += ["pattern.kind"]
+    assert keys[: len(wanted)] == wanted
+    patterns = [name.split(".")[1] for name in keys[len(wanted) :]]
+    given = [f.name for kind in PATTERNS for f in dataclasses.fields(settings_of(kind))]
+    assert sorted(patterns) == sorted(given)
     assert '| `pattern.road_width` | length such as "0.4mm" | `"0.4mm"` |' in config.table()

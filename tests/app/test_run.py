@@ -248,7 +248,7 @@ POLYGON = '"polygon"\npoints = [[0, 0], [30, 0], [30, 20], [0, 20]]'
         ({"porosity": '"0.05"'}, "wide can give"),
         ({"porosity": '"0.999"'}, "wide can give"),
         ({"phases": "2\nphazes = 3"}, 'did you mean "phases"'),
-        ({"phases": '2\nmap = "stretched"'}, 'map "stretched" has no "spacing"'),
+        ({"map": '"stretched"'}, 'map "stretched" has no "spacing"'),
     ],
 )
 def test_bad_input_is_one_line_exit_2_and_nothing_left(
