@@ -136,7 +136,7 @@ def _many(free: Array, problem: _Problem) -> tuple[list[Array], Array]:
     return problem.residuals(free)
 
 
-_DIRECTIONS = 40
+_DIRECTIONS = 30
 """Steps of conjugate gradients in each step: the damping of the steps needs no more."""
 
 _FIRST_STEP = 1e-2
