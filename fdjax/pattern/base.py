@@ -25,7 +25,7 @@ within. One value for each place looked at."""
 class Panel(NamedTuple):
     """A function of the place on one layer, to be drawn.
 
-    `x`, `y`: of a lattice, mm, shapes (n,) and (m,) or both (n, m); `values`: shape (n, m).
+    `x`, `y`: of a lattice, mm, arrays of shapes (n,) and (m,) or both (n, m); `values`: (n, m).
     """
 
     name: str
