@@ -46,9 +46,12 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
     if not result.made:
         faults.append((None, "the grid folds or its solve did not converge"))
     for each in written:
-        if each.thinned > THINNED * each.planned:
-            share = 100 * each.thinned / each.planned
-            what = f"{each.path.name}: lines lie too close; {share:.1f} % had to be left out"
+        whole = each.thinned + each.planned
+        if not each.planned > 0:
+            faults.append((each.path, f"{each.path.name}: holds no road"))
+        if each.thinned > THINNED * whole:
+            share = 100 * each.thinned / whole
+            what = f"{each.path.name}: lines too close or too short, {share:.1f} % left out"
             faults.append((each.path, f"{what}, {100 * THINNED:g} % is allowed"))
         rms = each.comparison.rms
         if not rms <= job.target.tolerance:

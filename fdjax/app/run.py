@@ -75,7 +75,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if kind == "ssl":
             path.write_text(module(path).write(plan, machine), encoding="utf-8")
             continue
-        if job.pattern.width_is_free:
+        if job.pattern.width_is_free and plan.volume > 0:
             plan = trim(plan, result.volume)
         written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
     notes = [*(note for region in part.regions for note in region.notes), *narrow]
