@@ -12,7 +12,7 @@ from jax.experimental.compilation_cache import compilation_cache
 jax.config.update("jax_enable_x64", True)
 
 # Scripts that are run by hand: they take minutes, and one of them needs SciPy.
-collect_ignore = [f"benchmarks/{name}.py" for name in ("designs", "grids", "streaming")]
+collect_ignore = [f"benchmarks/{name}.py" for name in ("accuracy", "designs", "grids", "streaming")]
 
 
 @pytest.fixture(scope="module")

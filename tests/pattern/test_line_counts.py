@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fdjax.optimise.start import begin
+from fdjax.pattern.line_counts import begin
 
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides

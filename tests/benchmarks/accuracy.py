@@ -1,6 +1,6 @@
 """Ten outlines and four targets by isolines: how well the written G-code meets them, how fast.
 
-    python tests/benchmarks/outlines.py [--only NAME ...] [--targets NAME ...] [--out DIR]
+    python tests/benchmarks/accuracy.py [--only NAME ...] [--targets NAME ...] [--out DIR]
 
 Each pair is a job with default settings, run by the command line twice; the second run is timed.
 What is measured is the file: by `fdjax measure`, and by a reader in this script that knows nothing
