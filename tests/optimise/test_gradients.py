@@ -18,6 +18,7 @@ from fdjax.grid.base import Sides
 from fdjax.grid.solvers import Newton
 from fdjax.limits import Limits
 from fdjax.optimise.objective import Objective
+from fdjax.part.part import Part
 from fdjax.part.patch import cosine_top, rectangle
 from fdjax.pattern.grid_lines import Controls, GridLines
 from fdjax.road.porosity import Samples
@@ -38,7 +39,7 @@ quick_jit = partial(
 )
 
 
-def target(x, y):
+def target(x, y, z=0.0):
     return 0.75 - 0.002 * x + 0.001 * y + 0.02 * jnp.sin(x / 9)
 
 
@@ -58,14 +59,15 @@ def problem(kind, patch, controls):
         nodes=(13, 11),
         solver=Newton(1e-13),
     )
-    windows = SoftWindows.over(patch.outline, lambda x, y: 1 - np.asarray(target(x, y)), 8.0)
+    part = Part.plate(patch, layers=4, height=0.2)
+    windows = SoftWindows.over(part, lambda x, y, z: 1 - np.asarray(target(x, y)), 8.0, flat=True)
 
     def values(controls):
         totals = []
         for each in (windows, None):
-            residuals, made = Objective(pattern, each, target, 0.2, LIMITS, 1e-2)(controls)
+            residuals, made = Objective(pattern, each, target, LIMITS, 1e-2)(controls)
             totals.append(sum((part**2).sum() for part in jax.tree.leaves(residuals)) / 2)
-        return jnp.stack(totals), (jnp.concatenate(residuals.penalties) > 0, made)
+        return jnp.stack(totals), (jnp.concatenate(list(residuals.penalties.values())) > 0, made)
 
     return values
 

@@ -41,22 +41,26 @@ def plan(kind="uniform", comb=(20, 12), patch=PLATE, **more):
 
 
 def test_lines_of_a_plate_keep_half_a_road_beside_them_and_reach_the_walls_they_meet():
-    ((xi,), (eta,)) = plan().lines(Controls())
+    ((xi,), (eta,)) = plan().strokes(Controls())
     assert (xi.family, eta.family) == ("xi", "eta")
-    assert xi.xy.shape == (20, 257, 2)
-    assert xi.width.shape == (20, 256)
+    lines, widths = np.stack(xi.xy), np.stack(xi.width)
+    assert lines.shape == (20, 257, 2)
+    assert widths.shape == (20, 256)
+    assert xi.level.tolist() == list(range(20))
     inside = 0.2 + (np.arange(20) + 0.5) / 20 * (40 - 0.4)
-    np.testing.assert_allclose(xi.xy[:, :, 0], np.broadcast_to(inside[:, None], (20, 257)))
-    np.testing.assert_allclose(xi.xy[:, [0, -1], 1], np.tile([0.0, 30.0], (20, 1)), atol=1e-12)
+    np.testing.assert_allclose(lines[:, :, 0], np.broadcast_to(inside[:, None], (20, 257)))
+    np.testing.assert_allclose(lines[:, [0, -1], 1], np.tile([0.0, 30.0], (20, 1)), atol=1e-12)
+    across = np.stack(eta.xy)
     inside = 0.2 + (np.arange(12) + 0.5) / 12 * (30 - 0.4)
-    np.testing.assert_allclose(eta.xy[:, 0, 1], inside)
-    np.testing.assert_allclose(eta.xy[:, [0, -1], 0], np.tile([0.0, 40.0], (12, 1)), atol=1e-12)
-    np.testing.assert_array_equal(xi.width, np.full(xi.width.shape, 0.4))
+    np.testing.assert_allclose(across[:, 0, 1], inside)
+    np.testing.assert_allclose(across[:, [0, -1], 0], np.tile([0.0, 40.0], (12, 1)), atol=1e-12)
+    np.testing.assert_array_equal(widths, np.full(widths.shape, 0.4))
 
 
 def test_layers_take_their_phases_of_one_comb():
-    layers = plan(stacking=Stacking("both-staggered", 3, 4)).lines(Controls())
-    x = [layer[0].xy[:, 0, 0] for layer in layers]
+    layers = plan(stacking=Stacking("both-staggered", 3, 4)).strokes(Controls())
+    layers = list(layers)
+    x = [np.stack(layer[0].xy)[:, 0, 0] for layer in layers]
     assert [len(each) for each in x] == [7, 7, 6, 7]
     np.testing.assert_allclose(x[3], x[0])
     together = np.sort(np.concatenate(x[:3]))
@@ -68,13 +72,14 @@ def test_layers_take_their_phases_of_one_comb():
 
 def test_a_width_that_varies_comes_along_the_lines():
     rising = jnp.broadcast_to(jnp.linspace(-2, 2, 5)[:, None], (5, 4))
-    ((xi,), (eta,)) = plan().lines(Controls(width=rising))
-    assert np.ptp(xi.width, axis=1).max() < 1e-12
-    assert (np.diff(xi.width[:, 0]) > 0).all()
-    assert (np.diff(eta.width, axis=1) > 0).all()
+    ((xi,), (eta,)) = plan().strokes(Controls(width=rising))
+    along_xi, along_eta = np.stack(xi.width), np.stack(eta.width)
+    assert np.ptp(along_xi, axis=1).max() < 1e-12
+    assert (np.diff(along_xi[:, 0]) > 0).all()
+    assert (np.diff(along_eta, axis=1) > 0).all()
     # All keep half of the widest road, which is at the right wall.
-    widest = eta.width[:, -1].max()
-    assert 40 - xi.xy[:, 0, 0].max() > widest / 2
+    widest = along_eta[:, -1].max()
+    assert 40 - np.stack(xi.xy)[:, 0, 0].max() > widest / 2
 
 
 def test_a_width_control_lies_within_the_range():
@@ -113,11 +118,13 @@ def test_the_control_of_stretching_takes_the_place_of_beta():
 
 def test_lines_of_a_curved_domain_stay_in_it():
     patch = cosine_top()
-    ((xi,), (eta,)) = plan("transfinite", patch=patch).lines(Controls())
+    ((xi,), (eta,)) = plan("transfinite", patch=patch).strokes(Controls())
     room = patch.outline.buffer(1e-3)
     for family in (xi, eta):
         assert all(room.contains(shapely.LineString(line)) for line in family.xy)
-        clear = shapely.distance(patch.outline.exterior, shapely.points(family.xy[:, 128]))
+        clear = shapely.distance(
+            patch.outline.exterior, shapely.points(np.stack(family.xy)[:, 128])
+        )
         assert clear.min() > 0.2 - 1e-9
 
 
@@ -138,17 +145,19 @@ def penalties(pattern, limits=LIMITS, controls=None):
 def test_penalties_of_a_plate_are_shares_of_its_limits():
     found = penalties(plan(comb=(25, 10)))
     # Lines lie 40 / 25 = 1.6 and 30 / 10 = 3 apart; each is unsupported over the other's gap.
-    np.testing.assert_allclose(np.unique(np.round(found.spacing, 12)), [0.8 / 3 - 1, 0.8 / 1.6 - 1])
-    np.testing.assert_allclose(np.unique(np.round(found.span, 12)), [1.6 / 4 - 1, 3 / 4 - 1])
-    np.testing.assert_allclose(np.unique(np.round(found.length, 12)), [10 / 40 - 1, 10 / 30 - 1])
-    assert float(found.fold.max()) < 0
-    assert float(found.skew.max()) < 0
+    np.testing.assert_allclose(
+        np.unique(np.round(found["spacing"], 12)), [0.8 / 3 - 1, 0.8 / 1.6 - 1]
+    )
+    np.testing.assert_allclose(np.unique(np.round(found["span"], 12)), [1.6 / 4 - 1, 3 / 4 - 1])
+    np.testing.assert_allclose(np.unique(np.round(found["length"], 12)), [10 / 40 - 1, 10 / 30 - 1])
+    assert float(found["fold"].max()) < 0
+    assert float(found["skew"].max()) < 0
 
 
 def test_each_limit_is_broken_by_what_breaks_it():
     def broken(limits=LIMITS, **more):
         found = penalties(plan(**more), limits)
-        return {name for name, value in found._asdict().items() if float(value.max()) > 0}
+        return {name for name, value in found.items() if float(value.max()) > 0}
 
     assert broken(comb=(25, 10)) == set()
     assert broken(comb=(51, 10)) == {"spacing"}
@@ -164,8 +173,8 @@ def test_a_fold_is_seen_and_does_not_blow_up():
     ring = [(0, 0), (30, 0), (6, 6), (0, 30)]
     arrow = from_polygon(shapely.Polygon(ring), corners=ring)
     found = penalties(plan("transfinite", patch=arrow))
-    assert float(found.fold.max()) > 0
-    assert all(np.isfinite(part).all() for part in found)
+    assert float(found["fold"].max()) > 0
+    assert all(np.isfinite(part).all() for part in found.values())
 
 
 def test_skew_is_the_cosine_of_the_angle_between_the_families():
@@ -174,7 +183,7 @@ def test_skew_is_the_cosine_of_the_angle_between_the_families():
     pattern = plan("transfinite", patch=slanted)
     skew = eqx.filter_jit(lambda p: p.skew(p.realise(Controls())))(pattern)
     np.testing.assert_allclose(skew, 18 / 30, rtol=1e-9)
-    assert float(penalties(pattern).skew.max()) == pytest.approx(0.6 / 0.9 - 1)
+    assert float(penalties(pattern)["skew"].max()) == pytest.approx(0.6 / 0.9 - 1)
 
 
 def test_controls_in_line_are_not_rough():

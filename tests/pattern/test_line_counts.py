@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from fdjax.pattern.line_counts import begin
 
 from fdjax.errors import InputError
 from fdjax.grid.base import Sides
 from fdjax.limits import Limits
 from fdjax.part.patch import cosine_top, rectangle
+from fdjax.pattern.line_counts import begin
 from fdjax.road.bead import section_area
 from fdjax.road.stacking import Stacking
 
@@ -118,8 +118,8 @@ def test_lines_of_a_curved_domain_have_its_mean():
     ("target", "more", "words"),
     [
         # The section of such roads is 0.357 mm^2 per mm of layer height.
-        (constant(0.05), {}, r"densest place asks for porosity 0\.050, but .* 0\.4 mm wide"),
-        (constant(0.99), {}, r"porosity 0\.990, but .* can give 0\.107 to 0\.964"),
+        (constant(0.05), {}, r"porosity 0\.050 is asked at \(.*\) mm, but .* 0\.4 mm wide"),
+        (constant(0.99), {}, r"porosity 0\.990 is asked at .*, but .* can give 0\.107 to 0\.964"),
         (lambda x, y: 0.05 + 0.02 * x, {}, r"can give 0\.107 to 0\.964"),
         (constant(0.05), {"stacking": Stacking("both")}, None),
         (constant(0.99), {"limits": Limits()}, None),

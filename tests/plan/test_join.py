@@ -34,7 +34,7 @@ def laid(lines, outline, *, width=0.4, parity=0, family="xi", **options):
     each = width if isinstance(width, list) else [width] * len(lines)
     arrays = [np.asarray(line, float) for line in lines]
     widths = [np.broadcast_to(w, (len(xy) - 1,)) for w, xy in zip(each, arrays, strict=True)]
-    strokes = Lines(family, parity, np.arange(len(lines)), arrays, widths)
+    strokes = Lines(family, parity, np.arange(len(lines)), arrays, widths, press=0.25)
     return lay_lines(strokes, outline, **{"longest_join": 60, **options}).roads
 
 
@@ -80,7 +80,7 @@ def test_every_piece_is_laid_once_without_crossing(count, points, bend, noise, h
     assert errors(roads, outline) == []
 
     widths = [np.full(points - 1, 0.4)] * count
-    walls = Room.of(outline).walls(0.4)
+    walls = Room.of(outline).walls(0.4, 0.25)
     pieces = cut_lines(lines, widths, walls)
     assert {piece.line for piece in pieces} == set(range(count))
     whole = shapely.union_all([LineString(road.path) for road in roads])

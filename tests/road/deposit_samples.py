@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fdjax.grid.base import Sides
+from fdjax.part.part import Part
 from fdjax.pattern.grid_lines import Controls, GridLines
 from fdjax.plan.trace import lay
 from fdjax.road.bead import section_area
@@ -40,12 +41,14 @@ def _deposit(pattern):
 
 def deposit(pattern):
     """Points and volumes of the mean layer as NumPy arrays."""
-    return tuple(map(np.asarray, _deposit(pattern)))
+    xyz, volume = map(np.asarray, _deposit(pattern))
+    return xyz[:, :2], volume / pattern.stacking.layers
 
 
 def laid(pattern, outline):
     """The build of the pattern's roads."""
-    return lay(pattern.lines(pattern.first), outline, height=HEIGHT, lift_length=4.0)
+    part = Part.plate(outline, layers=pattern.stacking.layers, height=HEIGHT)
+    return lay(pattern.strokes(pattern.first), part, lift_length=4.0)
 
 
 def line_volume(pattern, length):

@@ -126,8 +126,8 @@ def test_cells_are_the_deposit_without_walls():
     plan = pattern(PLATE, LINES, samples=64)
     points, volume = deposit(plan)
     inside = (np.abs(points - [20, 15]) < [10, 8]).all(1)
-    xy, local, _ = eqx.filter_jit(lambda p: p.cells(p.realise(p.first)))(plan)
-    kept = (np.abs(np.asarray(xy) - [20, 15]) < [10, 8]).all(-1)
+    xyz, local, _ = eqx.filter_jit(lambda p: p.cells(p.realise(p.first)))(plan)
+    kept = (np.abs(np.asarray(xyz)[:, :2] - [20, 15]) < [10, 8]).all(-1)
     solid = volume[inside].sum() / (20 * 16 * HEIGHT)
     assert 1 - np.asarray(local)[kept].mean() == pytest.approx(solid, rel=0.03)
 

@@ -8,6 +8,8 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fdjax.part.part import Part
+from fdjax.road.deposit import Points, Raster
 from fdjax.road.window import SoftWindows
 
 PLATE = shapely.box(2, -1, 32, 21)
@@ -19,6 +21,19 @@ OVERLAP = 4
 
 def half(x, y):
     return 0.5 + 0 * x
+
+
+def over(outline, solid, size):
+    """Windows of a plate one millimetre high, so that volumes are areas."""
+    part = Part.plate(outline, layers=1, height=1.0)
+    return SoftWindows.over(part, lambda x, y, z: solid(x, y), size, flat=True)
+
+
+def summed(windows, xy, amounts):
+    """Amounts at points of the plane in each window, (nx, ny)."""
+    xp = jnp if isinstance(xy, jax.Array) else np
+    xyz = xp.concatenate([xy, xp.full((len(xy), 1), 0.5)], 1)
+    return windows.sums(Points(xyz, amounts))[..., 0]
 
 
 def random_points(outline, count=400, seed=1):
@@ -36,9 +51,9 @@ def random_points(outline, count=400, seed=1):
 )
 def test_every_place_counts_once_along_each_of_the_overlapping_windows(size, width, height, u, v):
     outline = shapely.box(-3, 4, width - 3, height + 4)
-    windows = SoftWindows.over(outline, half, size, fine=4)
+    windows = over(outline, half, size)
     point = np.array([[-3 + u * width, 4 + v * height]])
-    sums = windows.sums(point, np.ones(1))
+    sums = summed(windows, point, np.ones(1))
     assert sums.sum() == pytest.approx(OVERLAP, rel=1e-9)
     # Windows a whole size apart share it out among themselves.
     for i, j in np.ndindex(2, 2):
@@ -48,56 +63,60 @@ def test_every_place_counts_once_along_each_of_the_overlapping_windows(size, wid
 
 @pytest.mark.parametrize("outline", [PLATE, L_SHAPE, RING])
 def test_areas_add_up_to_the_outline(outline):
-    windows = SoftWindows.over(outline, half, 5.0)
-    assert windows.area.sum() == pytest.approx(OVERLAP * outline.area, rel=1e-9)
+    windows = over(outline, half, 5.0)
+    assert windows.room.sum() == pytest.approx(OVERLAP * outline.area, rel=1e-9)
     assert windows.total == pytest.approx(0.5 * outline.area, rel=1e-9)
-    assert np.allclose(windows.target[windows.area > 0], 0.5)
-    assert not windows.target[windows.area == 0].any()
+    assert np.allclose(windows.target[windows.room > 0], 0.5)
+    assert not windows.target[windows.room == 0].any()
 
 
 def test_a_window_inside_has_its_own_area_and_the_linear_target_of_its_middle():
-    windows = SoftWindows.over(PLATE, lambda x, y: 0.1 + 0.01 * x + 0.005 * y, 5.0)
+    windows = over(PLATE, lambda x, y: 0.1 + 0.01 * x + 0.005 * y, 5.0)
     x0, y0, x1, y1 = PLATE.bounds
-    nx, ny = windows.area.shape
+    nx, ny, _ = windows.room.shape
     x, y = x0 + 2.5 * np.arange(nx), y0 + 2.5 * np.arange(ny)
     # Softened edges reach a quarter of a window beyond their middles.
     reach = 2.5 + 1.25
     inside = np.ix_((x > x0 + reach) & (x < x1 - reach), (y > y0 + reach) & (y < y1 - reach))
     expected = (0.1 + 0.01 * x[:, None] + 0.005 * y)[inside]
     assert expected.size > 20
-    np.testing.assert_allclose(windows.target[inside], expected, rtol=2e-4)
-    np.testing.assert_allclose(windows.area[inside], 25, rtol=2e-3)
+    np.testing.assert_allclose(windows.target[..., 0][inside], expected, rtol=2e-4)
+    np.testing.assert_allclose(windows.room[..., 0][inside], 25, rtol=2e-3)
     assert windows.total == pytest.approx(30 * 22 * (0.1 + 0.01 * 17 + 0.005 * 10), rel=1e-12)
 
 
 def test_a_small_outline_has_windows_all_the_same():
-    windows = SoftWindows.over(shapely.box(0, 0, 1, 2), half, 5.0)
-    assert windows.area.shape == (2, 2)
-    assert windows.area.sum() == pytest.approx(OVERLAP * 2)
+    windows = over(shapely.box(0, 0, 1, 2), half, 5.0)
+    assert windows.room.shape == (2, 2, 1)
+    assert windows.room.sum() == pytest.approx(OVERLAP * 2)
 
 
 @pytest.mark.parametrize("outline", [PLATE, RING])
 def test_sums_of_numpy_and_jax_agree(outline):
-    windows = SoftWindows.over(outline, half, 6.0, fine=4)
+    windows = over(outline, half, 6.0)
     points = random_points(outline)
     amounts = np.random.default_rng(2).uniform(0, 3, len(points))
-    exact = windows.sums(points, amounts)
+    exact = summed(windows, points, amounts)
     np.testing.assert_allclose(
-        jax.jit(windows.sums)(jnp.asarray(points), jnp.asarray(amounts)), exact, atol=1e-12
+        jax.jit(lambda xy, amounts: summed(windows, xy, amounts))(
+            jnp.asarray(points), jnp.asarray(amounts)
+        ),
+        exact,
+        atol=1e-12,
     )
     assert exact.sum() == pytest.approx(OVERLAP * amounts.sum())
 
 
 def test_sums_differentiate_as_central_differences_say():
-    windows = SoftWindows.over(PLATE, half, 5.0, fine=2)
+    windows = over(PLATE, half, 5.0)
     rng = np.random.default_rng(3)
     points = jnp.asarray(random_points(PLATE, 60))
     amounts = jnp.asarray(rng.uniform(0, 1, 60))
-    weight = jnp.asarray(rng.normal(size=windows.area.shape))
+    weight = jnp.asarray(rng.normal(size=windows.room.shape[:2]))
 
     @jax.jit
     def value(points, amounts):
-        return (weight * windows.sums(points, amounts)).sum()
+        return (weight * summed(windows, points, amounts)).sum()
 
     gradient = jax.jit(jax.grad(value, argnums=(0, 1)))(points, amounts)
     way = rng.normal(size=points.shape), rng.normal(size=amounts.shape)
@@ -109,8 +128,28 @@ def test_sums_differentiate_as_central_differences_say():
 
 
 def test_a_point_that_slides_over_an_edge_makes_no_jump():
-    windows = SoftWindows.over(PLATE, half, 5.0, fine=2)
+    windows = over(PLATE, half, 5.0)
     x = np.linspace(2, 32, 3001)
-    share = np.stack([windows.sums(np.array([[at, 10.0]]), np.ones(1)).ravel() for at in x])
+    share = np.stack([summed(windows, np.array([[at, 10.0]]), np.ones(1)).ravel() for at in x])
     # At most the steepest rise of the smooth step, 1.5 over half a window, in each direction.
     assert np.abs(np.diff(share, axis=0)).max() <= 1.01 * 1.5 / 2.5 * (x[1] - x[0])
+
+
+def test_volumes_of_a_raster_are_summed_as_those_of_its_points_also_along_z():
+    part = Part.stack([PLATE, L_SHAPE, RING] * 20, 0.2)
+    windows = SoftWindows.over(part, lambda x, y, z: 0.3 + 0.01 * z + 0 * x, 5.0, flat=False)
+    assert windows.room.shape[2] == 6
+    # Each place lies in two windows along each axis.
+    assert windows.room.sum() == pytest.approx(8 * part.volume, rel=1e-9)
+    rng = np.random.default_rng(5)
+    axes = [np.sort(rng.uniform(a, b, n)) for a, b, n in ((-20, 32, 9), (-20, 26, 7), (0, 12, 11))]
+    raster = Raster(*axes, rng.uniform(0, 1, (9, 7, 11)))
+    np.testing.assert_allclose(
+        windows.sums(raster), windows.sums(raster.points), rtol=1e-12, atol=1e-12
+    )
+    # A target that rises is met by windows whose mean height it is.
+    seen = windows.target[windows.room > 0.9 * windows.full]
+    assert (np.diff(np.unique(seen.round(6))) > 0).all()
+    assert windows.total == pytest.approx(
+        sum(s.region.area * 0.2 * (0.3 + 0.01 * (s.z - 0.1)) for s in part.slabs), rel=1e-9
+    )
