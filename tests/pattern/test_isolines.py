@@ -1,0 +1,160 @@
+"""Isolines: where design sees their material, against the roads that a plan lays."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import shapely
+from jax.flatten_util import ravel_pytree
+from outlines import OUTLINES
+
+from fdjax.errors import InputError
+from fdjax.formats import profile
+from fdjax.limits import Limits
+from fdjax.optimise.design import design
+from fdjax.optimise.least_squares import FEW
+from fdjax.optimise.objective import Objective
+from fdjax.part.part import Part
+from fdjax.pattern.isolines import Isolines
+from fdjax.plan.compare import compare
+from fdjax.plan.measure import measure
+from fdjax.plan.trace import lay
+from fdjax.road.window import SoftWindows
+from fdjax.target.target import Target, expression
+
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
+MARLIN = profile.load("marlin-0.4")
+LINEAR = expression("0.15 + 0.35*x/80", quantity="solid")
+DISC = shapely.Point(20, 20).buffer(20, quad_segs=24)
+SMALL = expression("0.2 + 0.2*x/40", quantity="solid")
+
+
+def begun(part, target=LINEAR, **settings):
+    return Isolines(**settings).begin(part, target, MARLIN.limits, 5.0)
+
+
+@pytest.mark.parametrize(("angle", "twist"), [(0.0, 0.0), (33.0, 0.0), (10.0, 90.0)])
+@pytest.mark.parametrize("name", ["disc", "L", "ring"])
+def test_the_deposit_is_what_a_plan_lays(name, angle, twist):
+    part = Part.plate(OUTLINES[name](), layers=10, height=0.2)
+    pattern = begun(part, angle=angle, twist=twist)
+    modelled = float(jax.jit(lambda p: p.deposit(p.realise(p.first)).volume.sum())(pattern))
+    build = lay(pattern.strokes(pattern.first), part, lift_length=4.0)
+    assert build.volume == pytest.approx(modelled, rel=0.01)
+
+
+CONTROLS = [
+    ("coefficients",),
+    ("p", "q"),
+    ("p",),
+    ("coefficients", "width"),
+    ("q", "width_field"),
+]
+
+
+@pytest.mark.parametrize("controls", CONTROLS, ids="-".join)
+def test_gradients_of_every_control_agree_with_central_differences(controls):
+    part = Part.plate(DISC.difference(DISC.buffer(-14)), layers=10, height=0.2)
+    pattern = begun(part, SMALL, controls=controls, knots=(8, 9), field_knots=(4, 5))
+    windows = SoftWindows.over(part, SMALL.solid, 5.0, flat=True)
+    objective = Objective(pattern, windows, SMALL, MARLIN.limits)
+    free, unravel = ravel_pytree(pattern.controls())
+
+    @jax.jit
+    def value(free):
+        residuals, _ = objective(unravel(free))
+        return 1e3 * sum((part**2).sum() for part in jax.tree.leaves(residuals))
+
+    gradient = jax.jit(jax.grad(value))(free)
+    norm = float(jnp.linalg.norm(gradient))
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        step = pattern.scale(unravel(jnp.asarray(rng.normal(size=free.size))))
+        way = ravel_pytree(step)[0]
+        way = way / jnp.linalg.norm(way)
+        h = 1e-5
+        wide = (value(free + 2 * h * way) - value(free - 2 * h * way)) / (4 * h)
+        close = (value(free + h * way) - value(free - h * way)) / (2 * h)
+        slope = float(4 * close - wide) / 3
+        forward = jax.jvp(value, (free,), (way,))[1]
+        assert float(gradient @ way) == pytest.approx(slope, abs=1e-6 * norm)
+        assert float(forward) == pytest.approx(slope, abs=1e-6 * norm)
+
+
+def test_a_disc_meets_its_target_in_the_roads():
+    part = Part.plate(DISC, layers=10, height=0.2)
+    found = design(part, SMALL, limits=MARLIN.limits)
+    assert ravel_pytree(found.controls)[0].size > FEW / 2
+    assert found.made
+    assert found.broken == {}
+    build = lay(found.strokes(), part, lift_length=4.0)
+    assert compare(measure(build, window=5.0), SMALL).rms < 0.012
+    assert max(len(layer.roads) for layer in build.layers) <= 3
+    better = found.corrected(*build.deposits(0.5))
+    again = lay(better.strokes(), part, lift_length=4.0)
+    before, after = (abs(each.volume - found.volume) for each in (build, again))
+    assert after < max(before, 0.003 * found.volume)
+
+
+def test_layers_may_differ_and_a_target_may_rise():
+    regions = [DISC] * 20 + [DISC.difference(shapely.Point(20, 20).buffer(6))] * 20
+    part = Part.stack(regions, 0.2)
+
+    def rising(x, y, z):
+        return 0.65 + 0.05 * jnp.sin(x / 9) + 0.02 * z / 8
+
+    found = design(part, rising, limits=MARLIN.limits)
+    assert found.pattern.axes[2].count > 1
+    assert found.outcome.error < 0.01
+
+
+def test_a_residual_of_ones_own_is_met_as_well():
+    part = Part.plate(DISC, layers=10, height=0.2)
+
+    def middle(pattern, realised):
+        """How far the centre of mass lies from x = 21 mm, in units of 2 mm."""
+        x, _, _, volume = pattern.deposit(realised)
+        return ((volume.sum((1, 2)) * x).sum() / volume.sum() - 21.0)[None] / 2
+
+    flat = Target(lambda x, y: 0.7 + 0 * x)
+    got = []
+    for terms in ((), (middle,)):
+        found = design(part, flat, limits=MARLIN.limits, terms=terms)
+        realised = found.pattern.realise(found.controls)
+        got.append(abs(2 * float(middle(found.pattern, realised)[0])))
+    assert got[0] > 0.8
+    assert got[1] < 0.5 * got[0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"angle": float("nan")}, "angle.*finite"),
+        ({"controls": ("width",)}, 'one of "coefficients"'),
+        ({"controls": ("coefficients", "width", "width_field")}, "exclude each other"),
+        ({"phases": 1}, "phases: 1"),
+        ({"controls": ("p", "q"), "knots": (5, 9)}, "at least 6"),
+    ],
+)
+def test_settings_that_cannot_be_are_one_clear_line(settings, words):
+    with pytest.raises(InputError, match=words) as caught:
+        begun(Part.plate(DISC), **settings)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_target_beyond_reach_names_the_place():
+    asked = Target(lambda x, y: 0.7 - 0.68 * ((x - 30) ** 2 + (y - 20) ** 2 < 4))
+    with pytest.raises(
+        InputError, match=r"porosity 0\.0\d+ is asked at \((2[89]|3[01])[\d., ]+\) mm"
+    ):
+        begun(Part.plate(DISC), asked)
+    with pytest.raises(InputError, match="nowhere wide enough"):
+        begun(Part.plate(shapely.box(0, 0, 30, 0.3)))
+
+
+def test_knots_finer_than_the_roads_are_warned_of():
+    part = Part.plate(DISC)
+    pattern = Isolines(knots=(90, 90)).begin(part, SMALL, Limits(longest_span=10.0), 5.0)
+    (warning,) = pattern.facts(pattern.first)["warnings"]
+    assert "finer than the roads' spacing" in warning
