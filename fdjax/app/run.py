@@ -103,7 +103,7 @@ def _planned(
     plan = _plan(job, result, machine)
     best = result, plan, _faultiness(job, plan, machine, target)
     for _ in range(job.pattern.corrections):
-        result = result.corrected(*plan.deposits(job.target.window / 10), progress=show)
+        result = result.corrected(*plan.deposits(job.target.window / 4), progress=show)
         plan = _plan(job, result, machine)
         faultiness = _faultiness(job, plan, machine, target)
         if faultiness < best[2]:
