@@ -71,26 +71,24 @@ def objective_of(example, name: str) -> Objective:
     target = fdjax.expression(example.TARGETS[name], unit="mil")
     machine = fdjax.load_machine("stratasys-fdm1650")
     begun = fdjax.design(
-        fdjax.cosine_top(),
+        example.PART,
         target,
         limits=machine.limits,
-        layers=10,
-        layer_height=example.HEIGHT,
-        map="elliptic",
-        lines=(51, 31),
-        road_width=None,
-        controls=("spacing", "phi", "psi", "width"),
+        pattern=fdjax.MapLines(
+            map="elliptic",
+            lines=(51, 31),
+            road_width=0.028 * example.INCH,
+            controls=("spacing", "phi", "psi", "width"),
+            nodes=NODES,
+            knots=10,
+        ),
         window=example.WINDOW,
         objective="cells",
-        nodes=NODES,
-        knots=10,
         smoothness=SMOOTHNESS,
         iterations=0,
         span_limit=False,
     )
-    return Objective(
-        begun.pattern, None, target, example.HEIGHT, begun.limits, smoothness=SMOOTHNESS
-    )
+    return begun.objective
 
 
 def _value(residuals) -> tuple[jax.Array, jax.Array]:
