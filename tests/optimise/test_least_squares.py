@@ -1,5 +1,7 @@
 """The optimiser on problems small enough to know the answer of."""
 
+import re
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -8,7 +10,8 @@ import pytest
 from jaxtyping import Array
 
 from fdjax.errors import InputError
-from fdjax.optimise.least_squares import optimise
+from fdjax.optimise import least_squares
+from fdjax.optimise.least_squares import FEW, optimise
 from fdjax.optimise.objective import Residuals
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
@@ -106,3 +109,57 @@ def test_float64_is_asked_for():
             optimise(Line(X, Y), jnp.zeros(2))
     finally:
         jax.config.update("jax_enable_x64", True)
+
+
+# --- many controls ---
+
+
+class Steps(eqx.Module):
+    """A pattern that steps half as far as it is told."""
+
+    def scale(self, step):
+        return step / 2
+
+
+class Chain(eqx.Module):
+    """Numbers that are to be near their goals, and to differ little from their neighbours."""
+
+    goal: Array
+    pattern: Steps = Steps()
+
+    def __call__(self, controls):
+        error = SIZE * jnp.concatenate([controls - self.goal, jnp.sin(controls)])
+        return Residuals(error, SIZE * jnp.diff(controls), jnp.zeros(1)), jnp.asarray(True)
+
+
+def chain(count):
+    return Chain(jnp.cos(jnp.arange(count) / 9.0)), jnp.full(count, 0.3, jnp.float64)
+
+
+def test_few_and_many_controls_find_the_same():
+    few, many = (optimise(*chain(n), steps=60, patience=1e-6) for n in (FEW, FEW + 1))
+    assert many.controls.shape == (FEW + 1,)
+    assert many.error == pytest.approx(few.error, rel=0.01)
+    # Away from the end that is longer by one, they are the same numbers.
+    np.testing.assert_allclose(many.controls[: FEW - 30], few.controls[: FEW - 30], atol=5e-3)
+
+
+def test_a_step_of_many_controls_holds_no_jacobian(monkeypatch):
+    """Seen in the compiled step that `optimise` takes itself."""
+    lowered = {}
+
+    def seen(free, problem, state):
+        lowered[free.size] = step.lower(free, problem, state).as_text()
+        return step(free, problem, state)
+
+    step = least_squares._step
+    monkeypatch.setattr(least_squares, "_step", seen)
+
+    def largest(count):
+        optimise(*chain(count), steps=1)
+        shapes = re.findall(r"tensor<((?:\d+x)+)f64>", lowered[count])
+        return max(np.prod([int(n) for n in shape.split("x") if n]) for shape in shapes)
+
+    assert largest(40) >= 40 * 80
+    # Three residuals a control: vectors of them all are the largest there is.
+    assert largest(2000) < 4 * 2000

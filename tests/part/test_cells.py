@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from outlines import OUTLINES
 
 from fdjax.part.cells import cell_areas, cells
@@ -26,3 +28,27 @@ def test_several_polygons_add_up():
     both = shapely.MultiPolygon([shapely.box(0, 0, 2, 2), shapely.box(3, 1, 5, 4)])
     x, y = np.linspace(0, 5, 8), np.linspace(0, 4, 5)
     assert cell_areas(both, x, y).sum() == pytest.approx(both.area)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 10**6), corners=st.integers(3, 12), columns=st.integers(1, 9))
+def test_random_polygons_with_holes_that_leave_the_lattice(seed, corners, columns):
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0, 2 * np.pi, corners))
+    radius = rng.uniform(2, 6, corners)
+    outer = np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1)
+    region = shapely.Polygon(outer).buffer(0)
+    for _ in range(3):
+        region = region.difference(shapely.Point(rng.uniform(-4, 4, 2)).buffer(rng.uniform(0.2, 1)))
+    # The lattice covers a part of the region, and some of its outside.
+    x, y = np.linspace(-3.5, 5, columns + 1), np.linspace(-7, 2.5, 7)
+    boxes = shapely.box(x[:-1, None], y[:-1], x[1:, None], y[1:])
+    expected = shapely.area(shapely.intersection(region, boxes))
+    np.testing.assert_allclose(cell_areas(region, x, y), expected, atol=1e-9)
+
+
+def test_what_lies_outside_counts_nowhere():
+    x, y = np.linspace(0, 4, 5), np.linspace(0, 3, 4)
+    for off in (shapely.box(5, 0, 9, 3), shapely.box(-9, 0, -1, 3), shapely.box(0, 4, 4, 9)):
+        np.testing.assert_allclose(cell_areas(off, x, y), 0, atol=1e-12)
+    np.testing.assert_allclose(cell_areas(shapely.box(-9, -9, 9, 9), x, y), np.ones((4, 3)))

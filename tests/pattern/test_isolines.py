@@ -44,6 +44,24 @@ def test_the_deposit_is_what_a_plan_lays(name, angle, twist):
     assert build.volume == pytest.approx(modelled, rel=0.01)
 
 
+@pytest.mark.parametrize(("angle", "twist"), [(0.0, 0.0), (33.0, 0.0), (10.0, 90.0)])
+@pytest.mark.parametrize("name", ["disc", "ring"])
+def test_lines_of_all_phases_are_as_long_as_their_density_says(name, angle, twist):
+    """The coarea formula: over the phases the mean length is the integral of |grad|."""
+    part = Part.plate(OUTLINES[name](), layers=10, height=0.2)
+    pattern = begun(part, angle=angle, twist=twist)
+    free = part.regions[0].inset(0.2)
+    length = {"xi": 0.0, "eta": 0.0}
+    for layer in pattern.strokes(pattern.first):
+        for lines in layer:
+            drawn = shapely.MultiLineString(list(lines.xy))
+            length[lines.family] += drawn.intersection(free).length / 5
+    realised = jax.jit(lambda p: p.realise(p.first))(pattern)
+    for family, density in zip(("xi", "eta"), realised.density, strict=True):
+        modelled = float((density * pattern.room.area_at(0.2)).sum())
+        assert length[family] == pytest.approx(modelled, rel=5e-3)
+
+
 CONTROLS = [
     ("coefficients",),
     ("p", "q"),
