@@ -97,13 +97,14 @@ class Design:
             steps=CORRECTING,
             progress=progress,
         )
-        return replace(
-            self,
-            pattern=self.pattern.at(outcome.controls),
-            controls=outcome.controls,
-            outcome=outcome,
+        return _finished(
+            self.part,
+            self.objective,
+            self.pattern.at(outcome.controls),
+            outcome,
             steps=self.steps + outcome.steps,
             seconds=self.seconds + outcome.seconds,
+            volume=self.volume,
         )
 
     def strokes(self) -> Iterator[Sequence[Lines]]:
@@ -151,6 +152,8 @@ def design(
     limits = limits if span_limit else replace(limits, longest_span=np.inf)
     flat = len(part.regions) == 1 and not target.varies_in_z
     windows = SoftWindows.over(part, target.solid, window, flat=flat)
+    if not (windows.room > LEAST_WINDOW * windows.full).any():
+        raise InputError(f"window: none of {window:g} mm is half inside; ask for a smaller one")
     # As arrays, so that other numbers do not compile anew.
     windows = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), windows)
     volume = float(windows.total)
@@ -173,21 +176,34 @@ def design(
     now = _recounted(now, volume)
     assert outcome is not None
     assert problem is not None
-    made, worst, width = _survey(now, limits)
-    broken = {name: float(value) for name, value in worst.items() if value > 0}
+    return _finished(part, problem, now, outcome, steps=steps, seconds=seconds, volume=volume)
+
+
+def _finished(
+    part: Part,
+    objective: Objective,
+    pattern: AbstractPattern,
+    outcome: Outcome,
+    *,
+    steps: int,
+    seconds: float,
+    volume: float,
+) -> Design:
+    """The design of a pattern at its own controls, looked at as it is now."""
+    made, worst, width = _survey(pattern, objective.limits)
     return Design(
         part=part,
-        objective=problem,
-        pattern=now,
+        objective=objective,
+        pattern=pattern,
         controls=outcome.controls,
         outcome=outcome,
         steps=steps,
         seconds=seconds,
         made=bool(made),
-        broken=broken,
+        broken={name: float(value) for name, value in worst.items() if value > 0},
         road_width=(float(width[0]), float(width[1])),
         volume=volume,
-        limits=limits,
+        limits=objective.limits,
     )
 
 

@@ -79,7 +79,9 @@ class _Problem(eqx.Module):
         """Scaled residuals at the free numbers, in parts, and the size of each kind of residual."""
         residuals, made = self.objective(self.controls(free))
         # A trial that could not be made is answered with a large error: its step is not accepted.
-        scaled = [jnp.where(made, SCALE * part, 1e3) for part in jax.tree.leaves(residuals)]
+        # All of one type: a constant that a term gives would else be of a weak one.
+        parts = [jnp.asarray(part, jnp.float64) for part in jax.tree.leaves(residuals)]
+        scaled = [jnp.where(made, SCALE * part, 1e3) for part in parts]
         return scaled, jnp.stack([jnp.sqrt(_squares(kind)) for kind in residuals])
 
 
@@ -200,6 +202,7 @@ def optimise(
     """
     require_float64()
     began, gained = time.perf_counter(), []
+    controls = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), controls)
     free, unravel = ravel_pytree(controls)
     many = free.size > FEW
     steps = STEPS[many] if steps is None else steps
@@ -207,15 +210,15 @@ def optimise(
     problem = _Problem(objective, controls if many else None, unravel, many)
     free = jnp.zeros_like(free) if many else free
     if steps < 1:
-        error, _, penalty, _ = map(float, _looked_at(free, problem))
+        error, _, penalty, *_ = map(float, _looked_at(free, problem))
         return Outcome(controls, error, penalty, 0, False, time.perf_counter() - began)
     state = _start(free, problem)
     done, count, rejected, error, penalty = False, 0, 0, 0.0, 0.0
     while not done and count < steps:
         free, state, stopped = _step(free, problem, state)
         count += 1
-        error, roughness, penalty, terms = map(float, state.aux)
-        value = float(np.sqrt(error**2 + roughness**2 + penalty**2 + terms**2))
+        error, _, penalty, *_ = map(float, state.aux)
+        value = float(np.sqrt((state.aux**2).sum()))
         if value < min(gained, default=np.inf):
             gained.append(value)
             rejected = 0

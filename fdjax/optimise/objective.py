@@ -33,13 +33,15 @@ Term = Callable[[AbstractPattern, Any], Float[Array, "..."]]
 class Residuals(NamedTuple):
     """Residuals in units of porosity; the objective is half the sum of all squares.
 
-    `error` squares and sums to the mean square error of porosity, weighted by volume; `terms` are
-    what a user adds.
+    `error` squares and sums to the mean square error of porosity, weighted by volume; `mean` is
+    the error of the whole part, none where the count of lines sees to it; `terms` are what a user
+    adds.
     """
 
     error: Float[Array, " e"]
     roughness: Float[Array, " r"]
     penalties: dict[str, Array]
+    mean: tuple[Array, ...] = ()
     terms: tuple[Array, ...] = ()
 
 
@@ -68,16 +70,20 @@ class Objective(eqx.Module):
 
     def residuals(self, realised: Any, controls: Any) -> Residuals:
         """Residuals of what these controls amount to."""
-        error = self._cell_error(realised) if self.windows is None else self._error(realised)
+        if self.windows is None:
+            error, mean = self._cell_error(realised), ()
+        else:
+            error, mean = self._window_errors(realised)
         broken = {
             name: self.barrier * jax.nn.relu(excess + MARGIN) / jnp.sqrt(excess.size)
             for name, excess in self.pattern.penalties(realised, self.limits).items()
         }
         roughness = self.smoothness * self.pattern.roughness(controls)
         terms = tuple(jnp.ravel(term(self.pattern, realised)) for term in self.terms)
-        return Residuals(error, roughness, broken, terms)
+        return Residuals(error, roughness, broken, mean, terms)
 
-    def _error(self, realised: Any) -> Float[Array, " e"]:
+    def _window_errors(self, realised: Any) -> tuple[Float[Array, " e"], tuple[Array, ...]]:
+        """Of the windows, and of the part as a whole."""
         windows: SoftWindows = self.windows
         deposit = self.pattern.deposit(realised)
         got = self._sums(windows, deposit)
@@ -86,11 +92,11 @@ class Objective(eqx.Module):
         share = jnp.where(used, windows.room, 0.0)
         error = jnp.sqrt(share / share.sum()) * (got / room - windows.target)
         if self.pattern.mean_by_count:
-            return error.ravel()
+            return error.ravel(), ()
         # Overlapping windows hold the part four times, or eight times where they follow along z.
         times = 4 if windows.room.shape[2] == 1 else 8
         whole = (deposit.volume.sum() - windows.total) * times / windows.room.sum()
-        return jnp.append(error.ravel(), WHOLE * whole)
+        return error.ravel(), (WHOLE * whole,)
 
     @staticmethod
     def _sums(windows: SoftWindows, deposit: Deposit) -> Array:

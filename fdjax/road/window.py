@@ -28,7 +28,7 @@ class SoftWindows:
     - `start`: middle of the first window, shape (3,), mm: the corner of the part's box.
     - `room`: volume of the part in each window, shape (nx, ny, nz), mm^3.
     - `target`: mean solid share asked for in each window, shape (nx, ny, nz); 0 without room.
-    - `full`: volume of a window that lies in the part wholly, mm^3.
+    - `full`: the most that a window can hold of a part of this height, mm^3.
     - `total`: volume of material asked for in the whole part, mm^3.
 
     Edges on the box are hard: nothing slides across them. A part that is alike at all heights has
@@ -62,16 +62,14 @@ class SoftWindows:
         count = np.maximum(np.ceil((high - low) * 2 / size - 1e-6).astype(int), 1) + 1
         count[2] = 1 if flat else count[2]
         nothing = np.zeros(count)
-        full = size**2 * (size if count[2] > 1 else part.height)
+        full = size**2 * (part.height if flat else min(size, part.height))
         empty = cls(size, low, nothing, nothing, full, 0.0)
         (edge_x, x), (edge_y, y) = (
             cells(a, b, size / fine) for a, b in zip(low[:2], high[:2], strict=True)
         )
         xx, yy = np.meshgrid(x, y, indexing="ij")
         slabs = part.slabs[:1] if flat else part.slabs
-        area = {slab.region: np.zeros(0) for slab in slabs}
-        for region in area:
-            area[region] = cell_areas(region.geometry, edge_x, edge_y)
+        area = {region: cell_areas(region.geometry, edge_x, edge_y) for region in part.regions}
         room, asked, total = nothing, nothing, 0.0
         for slab in slabs:
             height, middle = slab.height, slab.z - slab.height / 2

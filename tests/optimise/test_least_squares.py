@@ -144,6 +144,12 @@ def test_few_and_many_controls_find_the_same():
     np.testing.assert_allclose(many.controls[: FEW - 30], few.controls[: FEW - 30], atol=5e-3)
 
 
+def test_controls_of_a_weak_type_are_numbers_like_others():
+    objective, _ = chain(FEW + 1)
+    found = optimise(objective, jnp.full(FEW + 1, 0.3), steps=3)
+    assert found.error < 1.0
+
+
 def test_a_step_of_many_controls_holds_no_jacobian(monkeypatch):
     """Seen in the compiled step that `optimise` takes itself."""
     lowered = {}

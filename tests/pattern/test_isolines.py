@@ -127,6 +127,28 @@ def test_layers_may_differ_and_a_target_may_rise():
     assert found.outcome.error < 0.01
 
 
+def test_a_plate_lower_than_a_window_may_have_a_target_that_rises():
+    part = Part.plate(DISC, layers=4, height=0.2)
+    found = design(part, lambda x, y, z: 0.7 + 0.05 * z + 0 * x, limits=MARLIN.limits)
+    assert found.outcome.error < 0.01
+
+
+def test_a_part_narrower_than_half_a_window_is_told_so_at_once():
+    with pytest.raises(InputError, match=r"window: none of 5 mm is half inside"):
+        design(shapely.box(0, 0, 2, 30), SMALL, limits=MARLIN.limits)
+
+
+def test_a_corrected_design_is_looked_at_anew():
+    part = Part.plate(DISC, layers=10, height=0.2)
+    settings = Isolines(controls=("coefficients", "width"))
+    found = design(part, SMALL, limits=MARLIN.limits, pattern=settings, iterations=4)
+    build = lay(found.strokes(), part, lift_length=4.0)
+    better = found.corrected(*build.deposits(0.5))
+    realised = better.pattern.realise(better.controls)
+    assert better.road_width == tuple(map(float, better.pattern.widths(realised)))
+    assert better.road_width != found.road_width
+
+
 def test_a_residual_of_ones_own_is_met_as_well():
     part = Part.plate(DISC, layers=10, height=0.2)
 
