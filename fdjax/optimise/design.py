@@ -150,8 +150,7 @@ def design(
     target = target if isinstance(target, Target) else Target(target)
     pattern = pattern or Isolines()
     limits = limits if span_limit else replace(limits, longest_span=np.inf)
-    flat = len(part.regions) == 1 and not target.varies_in_z
-    windows = SoftWindows.over(part, target.solid, window, flat=flat)
+    windows = SoftWindows.over(part, target.solid, window, flat=target.is_flat_over(part))
     if not (windows.room > LEAST_WINDOW * windows.full).any():
         raise InputError(f"window: none of {window:g} mm is half inside; ask for a smaller one")
     # As arrays, so that other numbers do not compile anew.

@@ -11,9 +11,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from fdjax.keys import LENGTH, choice, key, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.road.deposit import Deposit
+from fdjax.road.stacking import MODES, Stacking
 from fdjax.road.stroke import Lines
 from fdjax.target.target import Target
 
@@ -106,15 +108,37 @@ class AbstractPattern(eqx.Module):
         return self
 
 
+def mode_key() -> Any:
+    """The key `mode`, alike in all patterns of two families."""
+    return key(
+        choice(*MODES),
+        "families on alternate layers or both on each; staggered from layer to layer or not",
+        default="alternate-staggered",
+    )
+
+
+def phases_key() -> Any:
+    """The key `phases`, likewise."""
+    return key(
+        whole(2, 100), "staggered: layers of a family over which its lines are shifted", default=5
+    )
+
+
+def road_width_key() -> Any:
+    """The key `road_width`, likewise."""
+    return key(LENGTH, "road width, or where the design starts", default="0.4mm")
+
+
 class AbstractSettings:
     """What a user says of a pattern, as a frozen dataclass whose fields are keys of a job.
 
-    - `mode`: how families follow each other from layer to layer, see `road.stacking.MODES`.
+    - `mode`, `phases`: how families follow each other from layer to layer, see `road.stacking`.
     - `road_width`: mm, or where the design starts; `controls`: what the design may change.
     - `corrections`: how often a design is worth correcting by what a plan of it lays.
     """
 
     mode: str
+    phases: int
     road_width: float
     controls: tuple[str, ...]
     corrections: int = 0
@@ -125,6 +149,10 @@ class AbstractSettings:
 
         Raises `InputError` where part, target and settings do not go together.
         """
+
+    def stacking(self, layers: int) -> Stacking:
+        """The families of each layer. Raises `InputError` for phases that do not fit the mode."""
+        return Stacking(self.mode, self.phases if self.mode.endswith("staggered") else 1, layers)
 
     @property
     def cells_first(self) -> bool:

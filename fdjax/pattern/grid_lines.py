@@ -1,6 +1,6 @@
 """Grid lines as roads: two families of lines of a map of the unit square."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,16 +10,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from fdjax.errors import InputError
-from fdjax.grid import bspline
-from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
-from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.laplacians import laplacians
 from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
-from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Panel, Penalties
+from fdjax.pattern.maps import MAPS
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
 from fdjax.road.deposit import Points
@@ -328,79 +325,3 @@ def _trace(
         traced(of_xi, jnp.broadcast_to(run, of_xi.shape)),
         traced(jnp.broadcast_to(run, of_eta.shape), of_eta),
     )
-
-
-def _spacings(controls: Controls) -> Spacings:
-    if controls.spacing is None:
-        return Spacings()
-    sides = jax.vmap(DensitySpacing.of)(controls.spacing)
-    return Spacings(*(jax.tree.map(lambda part, k=k: part[k], sides) for k in range(4)))
-
-
-def _box(sides: Sides) -> tuple[Array, Array]:
-    """Lower left and upper right corner of the box around the sides: lines are cut at these."""
-    run = jnp.linspace(0, 1, 257)
-    points = jnp.concatenate([side(run) for side in sides])
-    return points.min(0), points.max(0)
-
-
-_MADE = jnp.asarray(True)
-_Map = tuple[AbstractGridMap, Bool[Array, ""]]
-
-
-def _uniform(pattern: GridLines, controls: Controls) -> _Map:
-    return Cartesian(*_box(pattern.sides)), _MADE
-
-
-def _stretched(pattern: GridLines, controls: Controls) -> _Map:
-    beta = jnp.asarray(pattern.beta)
-    if controls.stretching is not None:
-        beta = 1 + jnp.exp(controls.stretching)
-    along = [RobertsSpacing(b, a) for b, a in zip(beta, pattern.alpha, strict=True)]
-    return Cartesian(*_box(pattern.sides), *along), _MADE
-
-
-def _two_boundary(pattern: GridLines, controls: Controls) -> _Map:
-    spacings = _spacings(controls)
-    sides = pattern.sides
-    return TwoBoundary(sides.bottom, sides.top, spacings.bottom, spacings.top, spacings.left), _MADE
-
-
-def _transfinite(pattern: GridLines, controls: Controls) -> _Map:
-    return Transfinite(pattern.sides, _spacings(controls)), _MADE
-
-
-def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
-    """The elliptic grid of a pattern at these controls, not solved yet."""
-    ni, nj = pattern.nodes
-    xi, eta = jnp.linspace(0, 1, ni)[1:-1, None], jnp.linspace(0, 1, nj)[None, 1:-1]
-
-    def control(constant: float, spline: Array | None) -> Array | float:
-        return constant if spline is None else constant + bspline.field(spline, xi, eta)
-
-    return Elliptic(
-        pattern.sides,
-        _spacings(controls),
-        control(pattern.phi, controls.phi),
-        control(pattern.psi, controls.psi),
-        pattern.p,
-        pattern.q,
-        pattern.nodes,
-        controls.spacing is not None,
-        pattern.solver,
-    )
-
-
-def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
-    grid, report = elliptic(pattern, controls).map()
-    return grid, report.converged & ~report.folded
-
-
-MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
-    "uniform": _uniform,
-    "stretched": _stretched,
-    "two-boundary": _two_boundary,
-    "transfinite": _transfinite,
-    "elliptic": _elliptic,
-}
-"""The grid maps by name: a new one is one function here."""

@@ -13,17 +13,17 @@ from fdjax.grid.base import Sides
 from fdjax.grid.continuation import Continuation
 from fdjax.grid.solvers import SOR, AbstractSolver, Multigrid, Newton
 from fdjax.grid.spacing import fit_log_density
-from fdjax.keys import LENGTH, choice, choices, key, number, pair, whole
+from fdjax.keys import choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.part.patch import Patch, from_polygon
-from fdjax.pattern.base import AbstractSettings
-from fdjax.pattern.grid_lines import MAPS, Controls, GridLines, comb_of
+from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
+from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
+from fdjax.pattern.maps import MAPS
 from fdjax.pattern.width import free_of
 from fdjax.road.holes import Holes
 from fdjax.road.porosity import Samples, equal_edges, whole_lines
-from fdjax.road.stacking import MODES, Stacking
 from fdjax.target.target import Target
 
 SOLVERS: dict[str, AbstractSolver] = {
@@ -51,15 +51,9 @@ class MapLines(AbstractSettings):
     """
 
     map: str = key(choice(*MAPS), "map of the unit square into the outline", default="transfinite")
-    mode: str = key(
-        choice(*MODES),
-        "families on alternate layers or both on each; staggered from layer to layer or not",
-        default="alternate-staggered",
-    )
-    phases: int = key(
-        whole(2, 100), "staggered: layers of a family over which its lines are shifted", default=5
-    )
-    road_width: float = key(LENGTH, "road width, or where the design starts", default="0.4mm")
+    mode: str = mode_key()
+    phases: int = phases_key()
+    road_width: float = road_width_key()
     lines: tuple[int, int] | None = key(
         pair(whole(1, 10000)), "number of xi lines and of eta lines", default=None, shown="chosen"
     )
@@ -144,9 +138,7 @@ class MapLines(AbstractSettings):
         """
         patch = _patch_of(part, target)
         height = part.slabs[0].height
-        stacking = Stacking(
-            self.mode, self.phases if self.mode.endswith("staggered") else 1, len(part.slabs)
-        )
+        stacking = self.stacking(len(part.slabs))
         sides = Sides.of(patch)
         start = begin(
             sides,

@@ -12,14 +12,12 @@ from shapely import STRtree
 from fdjax.plan.chords import Chords
 from fdjax.plan.cut import Piece
 from fdjax.plan.room import Walls
+from fdjax.road.stroke import APART
 
 Floats = NDArray[np.float64]
 
 OWN_TURN = 2.0
 """So many road widths from its corner a join may lie beside the line that it joins."""
-
-APART = 0.7
-"""Beyond its own turn a join keeps so many road widths from centre line to centre line."""
 
 LONGEST_CUT = 10.0
 """So many road widths a line may end early for that."""

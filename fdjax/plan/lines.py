@@ -17,12 +17,9 @@ from fdjax.plan.room import Room
 from fdjax.plan.simplify import simplify_paths, simplify_roads
 from fdjax.plan.thin import thin
 from fdjax.plan.toolpath import Road
-from fdjax.road.stroke import Lines
+from fdjax.road.stroke import LONGEST_JOIN, Lines
 
 Floats = NDArray[np.float64]
-
-LONGEST_JOIN = 25.0
-"""A join along a wall is no longer than this unless asked, mm."""
 
 SHORTEST_ROAD = 3.0
 """A road shorter than so many of its widths is not worth laying alone."""

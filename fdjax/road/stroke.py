@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+LONGEST_JOIN = 25.0
+"""Lines whose ends lie further apart along a wall than this are not joined unless asked, mm."""
+
+APART = 0.7
+"""Beyond its own turn a join keeps so many road widths from centre line to centre line."""
+
 
 @dataclass(frozen=True, eq=False)
 class Lines:

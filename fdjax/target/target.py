@@ -71,6 +71,10 @@ class Target:
         """Whether the porosity may differ from layer to layer at one x and y."""
         return self._field.varies_in_z
 
+    def is_flat_over(self, part: Part) -> bool:
+        """Whether all layers of a part are alike: one region, and one target at each x and y."""
+        return len(part.regions) == 1 and not self.varies_in_z
+
     def check(self, part: Part, *, samples: int = 200) -> None:
         """Raise `InputError` if the target leaves 0..1 or is not finite inside the part.
 

@@ -43,7 +43,7 @@ from fdjax.grid.elliptic import NodeMap
 from fdjax.grid.transfer import planes
 from fdjax.optimise.least_squares import optimise
 from fdjax.optimise.objective import Objective
-from fdjax.pattern.grid_lines import elliptic
+from fdjax.pattern.maps import elliptic
 
 jax.config.update("jax_enable_x64", True)
 
