@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from shapely import LinearRing, MultiPoint, Polygon, box
+from shapely import LinearRing, MultiPoint, box
 
 from fdjax.errors import InputError
 from fdjax.part.curve import Floats, as_points
@@ -107,14 +107,25 @@ def _size(xy: Floats) -> float:
 
 
 def _smallest_rectangle(xy: Floats) -> Floats:
-    """Corners of the smallest rectangle around the points, counter-clockwise, shape (4, 2)."""
-    upright = box(*xy.min(0), *xy.max(0))
-    turned = MultiPoint(xy).minimum_rotated_rectangle
-    if isinstance(turned, Polygon) and turned.area < 0.9 * upright.area:
-        ring = turned.exterior
-    else:
-        ring = upright.exterior
-    return np.asarray(ring.coords)[:-1] if ring.is_ccw else np.asarray(ring.coords)[:0:-1]
+    """Corners of the smallest rectangle around the points, counter-clockwise, shape (4, 2).
+
+    One side of the smallest rectangle lies along an edge of the convex hull, so every edge is
+    tried. GEOS 3.14's own search takes rectangles of no area where hull points are collinear up to
+    rounding.
+    """
+    upright = box(*xy.min(0), *xy.max(0), ccw=True)
+    hull = np.asarray(MultiPoint(xy).convex_hull.simplify(TOLERANCE * _size(xy)).exterior.coords)
+    along = np.diff(hull, axis=0)
+    along = (along / np.hypot(*along.T)[:, None]).T
+    frames = np.stack([along, (-along[1], along[0])])  # (axis, component, edge)
+    places = np.tensordot(frames, xy - xy.mean(0), axes=(1, 1))  # (axis, edge, point)
+    low, high = places.min(2), places.max(2)
+    areas = (high - low).prod(0)
+    best = int(areas.argmin())
+    if areas[best] >= 0.9 * upright.area:
+        return np.asarray(upright.exterior.coords)[:-1]
+    sides = np.stack([low[:, best], high[:, best]])
+    return sides[[[0, 0], [1, 0], [1, 1], [0, 1]], [0, 1]] @ frames[..., best] + xy.mean(0)
 
 
 def _nearest_vertices(xy: Floats, rectangle: Floats) -> Floats:
