@@ -82,14 +82,16 @@ class Design:
         windows: SoftWindows = self.objective.windows
         if windows is None:
             return self
-        laid = windows.sums(Points(np.asarray(places), np.asarray(volumes)))
-        modelled = _sums(self.pattern, windows)
-        counted = windows.room > LEAST_WINDOW * windows.full
-        beside = jnp.where(counted, (laid - modelled) / jnp.maximum(windows.room, 1e-300), 0.0)
+        modelled, volume = _modelled(self.pattern, windows)
+        # By NumPy: as many pieces as no other plan has would compile anew.
+        by_hand = jax.tree.map(np.asarray, windows)
+        laid = by_hand.sums(Points(np.asarray(places), np.asarray(volumes)))
+        counted = by_hand.room > LEAST_WINDOW * by_hand.full
+        beside = np.where(counted, laid - modelled, 0.0) / np.maximum(by_hand.room, 1e-300)
         goal = replace(
             windows,
-            target=windows.target - beside,
-            total=windows.total - (np.sum(volumes) - _volume(self.pattern)),
+            target=jnp.asarray(by_hand.target - beside),
+            total=jnp.asarray(by_hand.total - (np.sum(volumes) - volume)),
         )
         outcome = optimise(
             eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
@@ -223,8 +225,10 @@ def _volume(pattern: AbstractPattern) -> Any:
 
 
 @eqx.filter_jit
-def _sums(pattern: AbstractPattern, windows: SoftWindows) -> Any:
-    return windows.sums(pattern.deposit(pattern.realise(pattern.controls())))
+def _modelled(pattern: AbstractPattern, windows: SoftWindows) -> tuple[Any, Any]:
+    """The deposit of a pattern at its own controls, in each window and as a whole, mm^3."""
+    deposit = pattern.deposit(pattern.realise(pattern.controls()))
+    return windows.sums(deposit), deposit.volume.sum()
 
 
 def _recounted(pattern: AbstractPattern, asked: float) -> AbstractPattern:
