@@ -15,6 +15,7 @@ from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.optimise.design import design as solve
 from fdjax.optimise.least_squares import Progress
+from fdjax.optimise.objective import WHOLE
 from fdjax.plan.check import check
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
@@ -114,16 +115,17 @@ def _planned(
 
 
 def _faultiness(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[int, float]:
-    """Errors of a plan, and the RMS of its windows, where they are and shifted by half."""
+    """Errors of a plan, and how far its windows, where they are and shifted by half, and its mean
+    are from the target: weighed as in design.
+    """
     if not job.pattern.corrections:
         return 0, 0.0
     found = check(plan, machine.limits, both_families=job.pattern.mode.startswith("both"))
-    window = job.target.window
-    misses = [
-        compare(measure(plan, window=window, shift=shift), target).rms
-        for shift in ((0.0, 0.0), (0.5, 0.5))
-    ]
-    return sum(each.severity == "error" for each in found), sum(miss**2 for miss in misses)
+    misses = 0.0
+    for shift in ((0.0, 0.0), (0.5, 0.5)):
+        seen = compare(measure(plan, window=job.target.window, shift=shift), target)
+        misses += seen.rms**2 + (WHOLE * (seen.mean_got - seen.mean_asked)) ** 2
+    return sum(each.severity == "error" for each in found), misses
 
 
 def _plan(job: Job, result: Design, machine: Machine) -> Build:
