@@ -129,22 +129,25 @@ def _faultiness(job: Job, plan: Build, machine: Machine, target: Target) -> tupl
 
 
 def _plan(job: Job, result: Design, machine: Machine) -> Build:
-    resolution = RESOLUTION[machine.format]
+    moved = TOLERANCE + STEP[machine.format]
     return lay(
         result.strokes(),
         result.part,
         lift_length=machine.lift_length,
         least_spacing=machine.limits.least_spacing,
         # Rounding to the file's steps may take a little off.
-        least_road=machine.limits.least_road + resolution if machine.limits.least_road else 0.0,
-        tolerance=resolution / 4,
-        clearance=resolution,
+        least_road=machine.limits.least_road + moved if machine.limits.least_road else 0.0,
+        tolerance=TOLERANCE,
+        clearance=moved,
         name=job.name,
     )
 
 
-RESOLUTION = {"gcode": 4e-3, "sml": MICROSTEP}
-"""What dropping points (a quarter of it) and rounding to a format's steps may move a road, mm."""
+TOLERANCE = 4e-3
+"""Points so near a straight road are dropped, mm: a hundredth of a road's width."""
+
+STEP = {"gcode": 1e-3, "sml": MICROSTEP}
+"""Of a format's coordinates, mm: what rounding may move a road."""
 
 
 def _written(job: Job, path: Path, build: Build, machine: Machine, target: Target) -> Written:
