@@ -149,6 +149,16 @@ def test_a_corrected_design_is_looked_at_anew():
     assert better.road_width != found.road_width
 
 
+def test_what_keeps_a_design_from_its_target_is_said():
+    square = Part.plate(shapely.box(0, 0, 40, 40))
+    options = {"limits": MARLIN.limits, "iterations": 0, "pattern": Isolines(twist=0)}
+    assert design(square, lambda x, y: 0.7 + 0 * x, **options).limited_by == []
+    steep = design(square, lambda x, y: jnp.where(x < 20, 0.85, 0.55), **options)
+    assert any("changes by 0.14 within 2.5 mm" in each for each in steep.limited_by)
+    dense = design(square, lambda x, y: 0.13 + 0 * x, **options)
+    assert dense.limited_by == ["spacing at its limit in 100.0 % of the part"]
+
+
 def test_a_residual_of_ones_own_is_met_as_well():
     part = Part.plate(DISC, layers=10, height=0.2)
 
