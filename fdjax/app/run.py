@@ -6,6 +6,8 @@ from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
+import numpy as np
+
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.report import Written, faults_of, report_of, table_of
@@ -39,7 +41,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     machines = {kind: setting.machine_of(job, kind) for kind in job.files}
     main = setting.machine_of(job, "ssl")
     setting.check_fits(job, part, main)
-    narrow = setting.narrow_places(part, job.pattern.road_width)
+    narrow, tips = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
         raise InputError(f'{narrow[0]}{more}; with narrow = "skip" such places stay empty')
@@ -76,10 +78,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if kind == "ssl":
             path.write_text(module(path).write(plan, machine), encoding="utf-8")
             continue
-        if job.pattern.width_is_free and plan.volume > 0:
-            plan = trim(plan, result.volume)
+        plan = _trimmed(job, result, plan, machine)
         written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
-    notes = [*(note for region in part.regions for note in region.notes), *narrow]
+    notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips]
     faults = faults_of(job, result, written)
     _pictures(job, folder, result, written)
     report = report_of(job, result, written, faults, notes)
@@ -142,6 +143,24 @@ def _plan(job: Job, result: Design, machine: Machine) -> Build:
         name=job.name,
     )
 
+
+def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
+    """The plan with the volume that is asked, by the sections of its roads: as much as that takes
+    where their width is free, else only where nobody could measure it and the machine lays it.
+    """
+    if not plan.volume > 0:
+        return plan
+    trimmed = trim(plan, result.volume)
+    if job.pattern.width_is_free:
+        return trimmed
+    low, high = machine.limits.road_width
+    widths = np.concatenate([road.width for layer in trimmed.layers for road in layer.roads])
+    faint = abs(result.volume / plan.volume - 1) < FAINT
+    return trimmed if faint and low <= widths.min() and widths.max() <= high else plan
+
+
+FAINT = 0.005
+"""Share of a road's section far below what an extruder keeps to."""
 
 TOLERANCE = 4e-3
 """Points so near a straight road are dropped, mm: a hundredth of a road's width."""

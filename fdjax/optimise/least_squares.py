@@ -80,7 +80,7 @@ class _Problem(eqx.Module):
         residuals, made = self.objective(self.controls(free))
         # A trial that could not be made is answered with a large error: its step is not accepted.
         # All of one type: a constant that a term gives would else be of a weak one.
-        parts = [jnp.asarray(part, jnp.float64) for part in jax.tree.leaves(residuals)]
+        parts = [jnp.ravel(jnp.asarray(each, jnp.float64)) for each in jax.tree.leaves(residuals)]
         scaled = [jnp.where(made, SCALE * part, 1e3) for part in parts]
         return scaled, jnp.stack([jnp.sqrt(_squares(kind)) for kind in residuals])
 

@@ -133,6 +133,16 @@ def test_a_plate_lower_than_a_window_may_have_a_target_that_rises():
     assert found.outcome.error < 0.01
 
 
+def test_a_small_part_has_few_controls():
+    part = Part.plate(shapely.box(0, 0, 16, 11))
+    found = design(part, lambda x, y: 0.72 - 0.01 * x + 0.005 * y, limits=MARLIN.limits)
+    assert ravel_pytree(found.controls)[0].size <= FEW
+    build = lay(found.strokes(), part, lift_length=4.0)
+    better = found.corrected(*build.deposits(0.5))
+    assert found.outcome.error < 0.01
+    assert better.outcome.error < 0.02
+
+
 def test_a_part_narrower_than_half_a_window_is_told_so_at_once():
     with pytest.raises(InputError, match=r"window: none of 5 mm is half inside"):
         design(shapely.box(0, 0, 2, 30), SMALL, limits=MARLIN.limits)
