@@ -159,7 +159,7 @@ def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
     return trimmed if faint and low <= widths.min() and widths.max() <= high else plan
 
 
-FAINT = 0.005
+FAINT = 0.01
 """Share of a road's section far below what an extruder keeps to."""
 
 TOLERANCE = 4e-3
