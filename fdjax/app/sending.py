@@ -211,7 +211,16 @@ def _go_on(
         height = place[2]
     _say(text, request.quiet)
     extruder = stream.protocol.firmware != "grbl"
-    back = resume.way_back(point, program.machine, stands, height=height, extruder=extruder)
+    if stands is Standing.LOST:
+        resume.must_be_saved(program, point)
+    back = resume.way_back(
+        point,
+        program.machine,
+        stands,
+        height=height,
+        top=0.0 if points is None else points.top,
+        extruder=extruder,
+    )
     stream.go_on(point, back)
     return point
 

@@ -71,6 +71,16 @@ def command_of(code: str) -> tuple[str, int]:
     return name, len(code) if name in _TEXT else match.end()
 
 
+def end_of_name(code: str) -> int:
+    """Where the name of a command ends, whatever follows.
+
+    >>> end_of_name("M117 T1"), end_of_name("SET_PIN PIN=a")
+    (4, 7)
+    """
+    match = _COMMAND.match(code) or _EXTENDED.match(code)
+    return match.end() if match else 0
+
+
 def words_of(code: str, at: int = 0, *, bare: bool = True) -> dict[str, float]:
     """The words of a command, behind its name: letters and numbers.
 

@@ -7,9 +7,10 @@ from collections.abc import Callable
 from math import inf
 
 from fdjax.errors import InputError
+from fdjax.gcode.commands import passes_over
 from fdjax.gcode.state import GcodeState
 from fdjax.gcode.words import parse
-from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Findings
+from fdjax.machine.findings import FORBIDDEN, LONGEST, Findings
 from fdjax.machine.motion import MotionTime
 from fdjax.machine.program import Program
 from fdjax.machine.sml_state import SmlState
@@ -79,7 +80,9 @@ class _Surveyor:
         self._state = program.state()
         sml = isinstance(self._state, SmlState)
         self._firmware = "sml" if sml else stream.firmware
-        self._room = [side - _LEAST for side in program.machine.bed]
+        low, high = program.machine.room
+        self._low = [side + _LEAST for side in low]
+        self._high = [side - _LEAST for side in high]
         self._strip = program.code
         self._plain = self._state.plain if isinstance(self._state, GcodeState) else _nothing
         self._run = self._run_sml if sml else self._run_gcode
@@ -140,8 +143,8 @@ class _Surveyor:
                 self._check_home(start, end)
             self._moves.add(end)
             x, y, z = end
-            a, b, c = self._room
-            if not (_LEAST <= x <= a and _LEAST <= y <= b and _LEAST <= z <= c):
+            (a, b, c), (d, e, f) = self._low, self._high
+            if not (a <= x <= d and b <= y <= e and c <= z <= f):
                 self._outside(end)
         if volume:
             self._deposit(start, end, volume)
@@ -160,6 +163,9 @@ class _Surveyor:
         self._united = self._united or bool(names & {"G20", "G21"})
         if not (name and name[0] in "GMT" and name[1].isdigit()):
             self._foreign(name, text)
+        if isinstance(self._state, GcodeState) and passes_over(self._state.firmware, name):
+            right = f"{self._firmware} does not know {name}, and goes on without it"
+            self._say("warning", "unknown", right, name)
         self._macros = self._macros or name == "M98"
         if name in _HALTS:
             self._motion.flush()
@@ -186,7 +192,7 @@ class _Surveyor:
             self._unhomed, self._cold = not state.homed, False
             return
         self._unhomed = not state.homed.issuperset("XYZ")
-        self._cold = self._firmware in _PRINTERS and state.nozzle < COLDEST
+        self._cold = self._firmware in _PRINTERS and state.nozzle < self._coldest
         heat = (max(state.nozzles.values(), default=0.0), state.bed)
         self._hottest = [max(pair) for pair in zip(self._hottest, heat, strict=True)]
         limits = self._machine.stream.hottest
@@ -203,6 +209,11 @@ class _Surveyor:
             self._owings[self._tool] = self._owed
             self._tool = state.tool
             self._owed = self._owings.get(self._tool, 0.0)
+
+    @property
+    def _coldest(self) -> float:
+        said = self._state.coldest if isinstance(self._state, GcodeState) else None
+        return self._machine.stream.coldest if said is None else said
 
     def _foreign(self, name: str, text: str) -> None:
         """A line that is no G, M or T command."""
@@ -246,9 +257,13 @@ class _Surveyor:
 
     def _outside(self, point: Point) -> None:
         where = ", ".join(f"{axis} {value:.6g}" for axis, value in zip("XYZ", point, strict=True))
-        room = " x ".join(f"{side:g}" for side in self._machine.bed)
-        right = f"a move to {where} mm leaves the machine's room of {room} mm from 0"
-        self._say("error", "bed", f"{right}; place the part within it")
+        low, high = self._machine.room
+        room = ", ".join(
+            f"{axis} {a:g} to {b:g}" for axis, a, b in zip("XYZ", low, high, strict=True)
+        )
+        right = f"a move to {where} mm leaves the machine's room of {room} mm"
+        keys = "the profile's bed_origin and lowest say where that begins"
+        self._say("error", "bed", f"{right}; place the part within it ({keys})")
 
     def _deposit(self, start: Point, end: Point, volume: float) -> None:
         if self._cold and volume > 0:
@@ -269,9 +284,11 @@ class _Surveyor:
         state = self._state
         assert isinstance(state, GcodeState)
         # Another tool's heater may be this one's too.
-        shared = state.tool not in state.nozzles and self._hottest[0] >= COLDEST
+        shared = state.tool not in state.nozzles and self._hottest[0] >= self._coldest
         severity = "warning" if self._macros or shared else "error"
-        right = f"M109 with {COLDEST:g} C or more must come first"
+        right = f"M109 with {self._coldest:g} C or more must come first"
+        right += "; the profile's stream.coldest" + (" or M302" if state.firmware.coldest else "")
+        right += " lets it be colder"
         message = f"cold extrusion: nozzle {state.tool} is set to {state.nozzle:g} C; {right}"
         self._say(severity, "cold", message, severity)
 

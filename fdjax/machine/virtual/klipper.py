@@ -2,10 +2,12 @@
 
 import re
 
+from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
+from fdjax.machine.pushes import check_push
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
-_FRAME = re.compile(r"^N\d+\s*|\s*\*\d+$")
+_FRAME = re.compile(r"^N-?\d+\s*|\s*\*\s*\d+\s*$")
 
 
 class VirtualKlipper(AbstractGcodeMachine):
@@ -49,20 +51,35 @@ class VirtualKlipper(AbstractGcodeMachine):
         if self._down:
             self.say("!! Shutdown due to M112 command")
             return self.now
+        if not self._text(line):  # a number alone is no command, and no fault
+            return self.now
         return super()._begin(line)
 
     def _limited(self, moves: tuple) -> tuple:
         for move in moves:
-            if any(not 0 <= p <= size for p, size in zip(move.end, self.bed, strict=True)):
-                self.say(f"!! Move out of range: {move.end[0]:.3f} {move.end[1]:.3f}")
-                return ()
-        return super()._limited(moves)
+            if any(not a <= p <= b for p, a, b in zip(move.end, *self.room, strict=True)):
+                raise InputError(f"Move out of range: {move.end[0]:.3f} {move.end[1]:.3f}")
+            if move.volume > 0 and self._is_cold():
+                raise InputError("Extrude below minimum temp")
+            if move.volume:
+                check_push(self.state, move, self.machine)
+        return moves
+
+    def _complain(self, why: str) -> None:
+        self.say(f"!! {why}")
 
     def _refuse_unhomed(self) -> str:
         return "!! Must home axis first"
 
     def _refuse(self, text: str) -> None:
         self.say(f'// Unknown command:"{text.split()[0]}"')
+
+    def _temperatures(self) -> str:
+        """Sorted by their names, and no `T:` (heaters.py, `_get_temp`)."""
+        return " ".join(
+            f"{name}:{heater.at(self.now):.1f} /{heater.target:.1f}"
+            for name, heater in sorted(self.heaters.items())
+        )
 
     def _answers_to(self, name: str, words: dict[str, float]) -> bool:
         if name == "M105":

@@ -3,6 +3,7 @@
 import re
 
 from fdjax.formats.profile import Machine
+from fdjax.gcode.words import code_of
 from fdjax.machine.protocols.base import checksum
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
@@ -145,9 +146,17 @@ class VirtualMarlin(AbstractGcodeMachine):
         return False
 
     def _text(self, line: str) -> str:
-        return _TEXT.sub("", line, count=1).partition("*")[0].strip()
+        return code_of(_TEXT.sub("", line, count=1).partition("*")[0])
+
+    def _refuse(self, text: str) -> None:
+        if text[:1] == "T" and text[1:].isdigit():
+            self.say(f"echo:{text} Invalid extruder")
+        else:
+            super()._refuse(text)
 
     def _acknowledge(self, line: str) -> None:
+        if self._has_answered(line):
+            return
         found = _NUMBER.match(line) if self._advanced else None
         if found is None:
             self.say("ok")

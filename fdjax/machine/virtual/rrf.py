@@ -59,14 +59,16 @@ class VirtualRepRapFirmware(AbstractGcodeMachine):
         return "Error: G0/G1: insufficient axes homed"
 
     def _refuse(self, text: str) -> None:
-        self.say(f"Error: Bad command: {text}")
+        if text[:1] in "Mm" and text[1:2].isdigit():
+            self.say(f"Warning: {text}: Command is not supported")
+        else:
+            self.say(f"Error: Bad command: {text}")
 
-    def _acknowledge(self, line: str) -> None:
-        if not line.startswith("M105"):
-            self.say("ok")
+    def _complain(self, why: str) -> None:
+        self.say(f"Error: {why}")
 
     def _answers_to(self, name: str, words: dict[str, float]) -> bool:
         if name == "M105":
             self.say(f"ok {self._temperatures()}")
             return True
-        return name == "M112" or super()._answers_to(name, words)
+        return name in ("M112", "M21") or super()._answers_to(name, words)
