@@ -60,7 +60,12 @@ def send(request: Request) -> None:
     reached = _reached(program, digest, request) if goes_on else None
     port = _open(request, machine)
     try:
-        speaks = connect.protocol_at(port, machine)
+        settled = connect.settled(port, machine)
+        if settled is not machine:  # the file is read as the firmware reads it
+            program = Program(request.file, settled)
+            found = _survey(program, request.quiet)
+            found.refuse(program.path)
+        speaks = connect.protocol_of(settled)
         progress = Progress(found, request.quiet)
         with _Records(program, digest, request, port) as records:
 

@@ -114,7 +114,12 @@ class Stream:
         found = survey(program)
         found.refuse(program.path)
         line = open_port(port, machine)
-        speaks = connect.protocol_at(line, machine)
+        settled = connect.settled(line, machine)
+        if settled is not machine:
+            program = Program(program.path, settled)
+            found = survey(program)
+            found.refuse(program.path)
+        speaks = connect.protocol_of(settled)
         return cls(program, line, speaks, starts=found.starts, on_event=on_event)
 
     # What other threads may call.
@@ -318,6 +323,7 @@ class Stream:
             if self.port.now() >= until:
                 raise self.protocol.stopped(f"{lost}, and has not come back")
             self.port.wait(0.5)
+        self.protocol.doubt(self.port.now())
         self._tell("state", "the port is back")
 
     def _report(self, on_position: Callable[[str], object]) -> None:

@@ -18,6 +18,10 @@ LONGEST_ANSWER = 4096
 """Bytes without a line's end that are no answer of any machine."""
 
 
+LISTEN = 2.5
+"""Seconds for a board to boot that reset when the port was opened."""
+
+
 @dataclass(slots=True)
 class Note:
     """Something the machine said: `kind` is temperature, busy, message, fault or position."""
@@ -159,7 +163,12 @@ class AbstractProtocol(ABC):
             if self._tried > self.tries:
                 raise self.stopped("no answer from the machine")
             self.overdue(now)
-            self._wait(now)
+            if self.ready:  # a greeting has a patience of its own
+                self._wait(now)
+
+    def doubt(self, now: float) -> None:
+        """The line was broken: find out soon what became of the lines on their way."""
+        self._wait(now, LISTEN)
 
     def farewell(self) -> bytes:
         """What is said when all has run, so that the machine is as it was."""
