@@ -5,9 +5,9 @@ from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
-from fdjax.errors import InputError
 from fdjax.gcode.firmware import MARLIN, Firmware
 from fdjax.gcode.settings import Settings
+from fdjax.gcode.words import Refused
 from fdjax.moves import Point, Position
 
 _SLOWEST = 1e-3
@@ -132,10 +132,10 @@ class Record:
         self.gain = area / self.flow * self.flow_factor
 
     def run_at(self, speed: float) -> None:
-        """Set the speed of F, mm/s. Raises `InputError` for none, where that is refused."""
+        """Set the speed of F, mm/s. Raises `Refused` for none, where it is."""
         if speed <= 0:
             if self.firmware.no_speed == "refused":
-                raise InputError(f"F{60 * speed:g} is no speed to {self.firmware.name}")
+                raise Refused(f"F{60 * speed:g} is no speed to {self.firmware.name}")
             if self.firmware.no_speed == "ignored":
                 speed = self.speed
         self.speed = speed

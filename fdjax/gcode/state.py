@@ -15,7 +15,7 @@ from fdjax.errors import InputError
 from fdjax.gcode import settings
 from fdjax.gcode.commands import EXTENDED, SETTERS, passes_over, select
 from fdjax.gcode.record import Record
-from fdjax.gcode.words import PLAIN, command_of, end_of_name, words_of
+from fdjax.gcode.words import PLAIN, Refused, command_of, end_of_name, words_of
 from fdjax.moves import Move, Point
 
 HOMING_SPEED = 40.0
@@ -88,8 +88,8 @@ class GcodeState(Record):
         """Take the state past a line without comments; the moves that the line makes.
 
         Commands that change nothing that is kept here are passed over. Raises `NoCommand` for what
-        is no command, and `InputError` for a damaged word, an arc that is none, and what cannot be
-        followed.
+        is no command, `Refused` for what the firmware does not run, and `InputError` for a damaged
+        word, an arc that is none, and what cannot be followed.
         """
         move = self.plain(code)
         if move is not None:
@@ -101,11 +101,11 @@ class GcodeState(Record):
                 raise InputError(f"{code[:30]!r} goes on with no motion: no G0 to G3 was before it")
         firmware = self.firmware
         if name in firmware.refused:
-            raise InputError(f"{name} is refused: {firmware.refused[name]}")
+            raise Refused(f"{name} is refused: {firmware.refused[name]}")
         moves: tuple[Move, ...] = ()
         if passes_over(firmware, name):
             if firmware.refuses_unknown:
-                raise InputError(f"{name} is unknown to {firmware.name}")
+                raise Refused(f"{name} is unknown to {firmware.name}")
             return ()
         if name in MOTION or name in SETTERS or name in ("G4", "G28"):
             words = words_of(code, at, bare=name not in _STRICT)
@@ -171,7 +171,7 @@ class GcodeState(Record):
             self.save(key)
             return ()
         if key not in self.saved:
-            raise InputError(f"{name} {key}: no state of that name was saved before")
+            raise Refused(f"{name} {key}: no state of that name was saved before")
         saved = self.saved.pop(key) if firmware.stacks else self.saved[key]
         start = self.on_bed
         if firmware.saves_place:
@@ -217,7 +217,7 @@ class GcodeState(Record):
                 f"{axis}{words[axis]:g} moves an axis that is not known; E is filament"
             )
         if "E" in words and not self.firmware.extrudes:
-            raise InputError(f"{self.firmware.name} has no E")
+            raise Refused(f"{self.firmware.name} has no E")
         k = self.scale
         if "F" in words:
             self.run_at(words["F"] * k / 60)
@@ -261,7 +261,7 @@ class GcodeState(Record):
             self.absolute or firmware.relative_arcs
         ):
             how = "R" if "R" in words else "G91"
-            raise InputError(f"{firmware.name} makes no arcs with {how}; I and J in G90 are right")
+            raise Refused(f"{firmware.name} makes no arcs with {how}; I and J in G90 are right")
         k, turn, end = self.scale, -1 if name == "G2" else 1, self.on_bed
         if "R" in words:
             centre = arcs.centre(start[:2], end[:2], words["R"] * k, turn)
@@ -285,7 +285,7 @@ class GcodeState(Record):
         dwell = self.firmware.dwell
         given = [letter for letter in dwell if letter in words]
         if self.firmware.needs_dwell and words.keys() != set(dwell):
-            raise InputError(f"{self.firmware.name} waits by G4 {' '.join(dwell)} alone")
+            raise Refused(f"{self.firmware.name} waits by G4 {' '.join(dwell)} alone")
         seconds = words[given[0]] * dwell[given[0]] if given else 0.0
         return (Move(self.on_bed, self.on_bed, 0.0, seconds=seconds),)
 

@@ -30,6 +30,10 @@ class NoCommand(InputError):
     """A line that is none in any firmware's language."""
 
 
+class Refused(InputError):
+    """A line that the firmware understands, and does not run."""
+
+
 def code_of(line: str) -> str:
     """A line of a file without comments and frame; empty where nothing is left.
 

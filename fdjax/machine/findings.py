@@ -35,7 +35,8 @@ class Finding:
 
     - `severity`: "error" (the file must not be sent) or "warning".
     - `kind`: "bed", "heat", "long line", "forbidden", "homing", "units", "cold", "left on",
-      "unknown" (or damaged), "binary", "empty", "truncated", "tool" or "machine".
+      "unknown" (or damaged), "refused" (by the firmware), "wait", "binary", "empty", "truncated",
+      "tool" or "machine".
     - `message`: what is wrong and what would be right; `line`: of the file, where first, 0 for the
       file as a whole; `count`: in how many lines.
     """

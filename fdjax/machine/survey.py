@@ -9,10 +9,11 @@ from math import inf
 from fdjax.errors import InputError
 from fdjax.gcode.commands import passes_over
 from fdjax.gcode.state import GcodeState
-from fdjax.gcode.words import parse
+from fdjax.gcode.words import Refused, parse
 from fdjax.machine.findings import FORBIDDEN, LONGEST, Findings
 from fdjax.machine.motion import MotionTime
 from fdjax.machine.program import Program
+from fdjax.machine.pushes import check_push
 from fdjax.machine.sml_state import SmlState
 from fdjax.machine.surveyed import LayerStart, Survey
 from fdjax.moves import Move, Point
@@ -83,6 +84,7 @@ class _Surveyor:
         low, high = program.machine.room
         self._low = [side + _LEAST for side in low]
         self._high = [side - _LEAST for side in high]
+        self._weighs = self._firmware == "klipper"
         self._strip = program.code
         self._plain = self._state.plain if isinstance(self._state, GcodeState) else _nothing
         self._run = self._run_sml if sml else self._run_gcode
@@ -147,8 +149,18 @@ class _Surveyor:
             if not (a <= x <= d and b <= y <= e and c <= z <= f):
                 self._outside(end)
         if volume:
+            if self._weighs:
+                self._weigh(move)
             self._deposit(start, end, volume)
         self._motion.add(move)
+
+    def _weigh(self, move: Move) -> None:
+        assert isinstance(self._state, GcodeState)
+        try:
+            check_push(self._state, move, self._machine)
+        except Refused as error:
+            # The key says which limit it is.
+            self._say("error", "refused", str(error), str(error).rpartition("(")[2])
 
     def _run_gcode(self, text: str) -> tuple[Move, ...]:
         moves = self._state.run(text)
@@ -163,9 +175,13 @@ class _Surveyor:
         self._united = self._united or bool(names & {"G20", "G21"})
         if not (name and name[0] in "GMT" and name[1].isdigit()):
             self._foreign(name, text)
-        if isinstance(self._state, GcodeState) and passes_over(self._state.firmware, name):
-            right = f"{self._firmware} does not know {name}, and goes on without it"
-            self._say("warning", "unknown", right, name)
+        if isinstance(self._state, GcodeState):
+            if passes_over(self._state.firmware, name):
+                right = f"{self._firmware} does not know {name}, and goes on without it"
+                self._say("warning", "unknown", right, name)
+            if name == "G4" and words and not words.keys() & self._state.firmware.dwell.keys():
+                right = " or ".join(self._state.firmware.dwell)
+                self._say("warning", "wait", f"{text} is no wait to {self._firmware}; {right} is")
         self._macros = self._macros or name == "M98"
         if name in _HALTS:
             self._motion.flush()
@@ -227,6 +243,8 @@ class _Surveyor:
     def _refuse(self, text: str, error: InputError) -> None:
         if "\0" in text:
             self._say("error", "binary", "the line holds bytes that are no text; write it again")
+        elif isinstance(error, Refused):
+            self._say("error", "refused", str(error))
         else:
             self._say("error", "unknown", f"{error}; a command of the machine's language is needed")
 
