@@ -227,16 +227,15 @@ EXTENDED: dict[str, Callable[[Record, Parameters], None]] = {
 
 
 def knows(firmware: Firmware, name: str) -> bool:
-    """Whether a firmware has a command of G or M, as far as is known here.
+    """Whether a firmware has a command, as far as is known here.
 
     >>> from fdjax.gcode.firmware import KLIPPER, MARLIN
     >>> knows(KLIPPER, "M204"), knows(KLIPPER, "M205"), knows(MARLIN, "M205")
     (True, False, True)
     """
-    if firmware.known:
-        return name in firmware.known
-    own = (firmware.save, firmware.restore)
-    return name in SETTERS or name in firmware.kept or name in own or name in _OTHERS
+    own = {*firmware.kept, *firmware.harmless, firmware.save, firmware.restore}
+    common = firmware.known or (SETTERS.keys() | _OTHERS)
+    return name in own or name in common
 
 
 _OTHERS = frozenset(

@@ -21,6 +21,7 @@ _KNOWN = (
     *(f"M{number}" for number in (18, 20, 21, 23, 24, 25, 26, 27, 73, 82, 83, 84, 104, 105, 106)),
     *(f"M{number}" for number in (107, 109, 110, 112, 114, 115, 117, 118, 119, 140, 190, 204)),
     *(f"M{number}" for number in (220, 221, 400)),
+    *("SET_GCODE_OFFSET", "TURN_OFF_HEATERS"),
 )
 """Those of its modules; G10 and G11 of firmware_retraction, M73 and M117 of display_status."""
 

@@ -156,7 +156,13 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
 
     def _run(self, name: str, words: dict[str, float], text: str) -> float:
         state = self.state
-        until = self._make(self._limited(state.run(text)))
+        place, e = state.on_bed, state.e
+        try:
+            moves = self._limited(state.run(text))
+        except InputError:
+            state.on_bed, state.e = place, e  # what is refused is not made
+            raise
+        until = self._make(moves)
         for heater, target in {**_nozzles(state), "B": state.bed}.items():
             if heater in self.heaters and self.heaters[heater].target != target:
                 self.heaters[heater].set(target, self.now)
