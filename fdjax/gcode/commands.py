@@ -65,6 +65,8 @@ def _set_position(record: Record, words: Words) -> None:
     if "E" in named:
         record.e = named["E"] * record.e_scale
     record.know(named.keys())
+    if record.firmware.g92_homes:
+        record.homed |= named.keys() & set("XYZ")
 
 
 def _measure_by(**modes: float) -> Callable[[Record, Words], None]:
@@ -219,9 +221,19 @@ def _limit(record: Record, words: Parameters) -> None:
         record.accelerations |= dict.fromkeys("PT", float(words["ACCEL"]))
 
 
+def _stand(record: Record, words: Parameters) -> None:
+    x, y, z = (
+        float(words.get(axis, str(place))) for axis, place in zip("XYZ", record.on_bed, strict=True)
+    )
+    record.on_bed = (x, y, z)
+    record.homed |= frozenset("XYZ")
+    record.know(words.keys())
+
+
 EXTENDED: dict[str, Callable[[Record, Parameters], None]] = {
     "SET_HEATER_TEMPERATURE": _heat_by_name,
     "TURN_OFF_HEATERS": _cool_all,
+    "SET_KINEMATIC_POSITION": _stand,
     "SET_VELOCITY_LIMIT": _limit,
 }
 

@@ -115,7 +115,7 @@ class Record:
 
     def know(self, axes: Set[str]) -> None:
         """The file says where these axes are."""
-        self.unknown -= axes
+        self.unknown = self.unknown.difference(axes)  # a new one: copies share the old
         self._look()
 
     def forget(self, axes: str = "XYZE") -> None:

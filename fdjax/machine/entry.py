@@ -44,5 +44,5 @@ def entry_of(text: str, line: int, state: State) -> Entry:
     # A travel to where the machine stands already does nothing.
     absolute = isinstance(state, GcodeState) and state.absolute
     repeatable = not moves or (absolute and not any(move.volume for move in moves))
-    after = state.position if moves else before
-    return Entry(text, line, seconds, BLOCKING if slow else 0.0, before, after, repeatable)
+    blocking = BLOCKING if slow else 0.0
+    return Entry(text, line, seconds, blocking, before, state.position, repeatable)

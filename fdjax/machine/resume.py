@@ -184,7 +184,7 @@ def way_back(
         *rebuild.DIRECT,
         *rebuild.heat_all(state, tools=count),
         *rebuild.set_before_homing(state, tools=count),
-        *([f"G92 Z{height:.3f}"] if lost else []),
+        *(line.format(z=height) for line in state.firmware.stands if lost),
         f"G1 Z{rise:.3f} F600",
         *([] if here else ["G28 X Y"]),
         *rebuild.set_after_homing(state),

@@ -180,6 +180,7 @@ class Stream:
         self.state = point.state.copy()
         self._after = self._sent = self._told = point.line
         self._commands = self.program.commands(point.line)
+        self._next, self._read = None, False  # the file's first line may have been looked at
         self._extra.extend(way_back)
 
     def ask_position(self) -> Position | None:

@@ -8,8 +8,9 @@ from math import inf
 
 from fdjax.errors import InputError
 from fdjax.gcode.commands import passes_over
+from fdjax.gcode.settings import said
 from fdjax.gcode.state import GcodeState
-from fdjax.gcode.words import Refused, parse
+from fdjax.gcode.words import Refused, command_of
 from fdjax.machine.findings import FORBIDDEN, LONGEST, Findings
 from fdjax.machine.motion import MotionTime
 from fdjax.machine.program import Program
@@ -166,8 +167,12 @@ class _Surveyor:
         moves = self._state.run(text)
         if text[:3] in ("G1 ", "G0 "):
             return moves
-        name, words = parse(text)
-        names = {name, *(f"{letter}{words[letter]:g}" for letter in "GM" if letter in words)}
+        name, at = command_of(text)
+        words = said(text, at)
+        names = {
+            name,
+            *(f"{letter}{words[letter].lstrip('0')}" for letter in "GM" if letter in words),
+        }
         for other in names & FORBIDDEN.keys():
             if not (other == "M30" and self._firmware == "grbl"):
                 right = f"{other} may not stand in a file that is sent: {FORBIDDEN[other]}"
@@ -185,7 +190,7 @@ class _Surveyor:
         self._macros = self._macros or name == "M98"
         if name in _HALTS:
             self._motion.flush()
-        if name == "M204" and isinstance(self._state, GcodeState):
+        if name in ("M204", "SET_VELOCITY_LIMIT") and isinstance(self._state, GcodeState):
             self._motion.accelerate(self._state.accelerations)
         self._see()
         return () if name in ("G28", "$H") else moves

@@ -10,7 +10,7 @@ import threading
 import time
 
 import pytest
-from streams import PRINTER, gcode, sml, units
+from streams import PRINTER, gcode, sml, stream, units
 
 from fdjax.errors import InputError
 from fdjax.machine import journal, resume
@@ -261,6 +261,19 @@ def test_sml_goes_on_between_roads_and_only_with_power(tmp_path):
         assert back[0] == "PD;MM;"
         with pytest.raises(InputError, match="kept its power"):
             resume.way_back(point, program.machine, Standing.LOST, height=0.0)
+
+
+def test_the_first_line_of_the_file_is_not_said_again(tmp_path):
+    program = layered(tmp_path / "job.gcode")
+    program.path.write_text("G28\n" + program.path.read_text())
+    program = Program(program.path, PRINTER)
+    run = stream(program, "marlin")
+    run.stream.connect()
+    run.stream.ask_position()
+    point = resume.at_layer(program, starts(program), 3)
+    run.stream.go_on(point, ["M105"])
+    run.stream.run()
+    assert run.ran() == [text for text, line in units(program) if line > point.line]
 
 
 def test_a_layer_can_be_named(tmp_path):

@@ -10,6 +10,8 @@
 - Words alone are an unknown command, and so are M200 to M203, M205, M900 and their like: it says
   so and goes on (gcode.py, cmd_default).
 - M106 and M107 know one fan (extras/fan.py); M221 one flow; M302 is unknown.
+- It moves no axis that was not homed, G92 or not; SET_KINEMATIC_POSITION says where one is, if the
+  printer has [force_move] with enable_force_move (extras/force_move.py).
 - SAVE_GCODE_STATE keeps modes, offsets, speed and factors; bringing it back leaves E as a
   coordinate as it was saved, and moves only with MOVE=1 (extras/gcode_move.py).
 """
@@ -21,7 +23,7 @@ _KNOWN = (
     *(f"M{number}" for number in (18, 20, 21, 23, 24, 25, 26, 27, 73, 82, 83, 84, 104, 105, 106)),
     *(f"M{number}" for number in (107, 109, 110, 112, 114, 115, 117, 118, 119, 140, 190, 204)),
     *(f"M{number}" for number in (220, 221, 400)),
-    *("SET_GCODE_OFFSET", "TURN_OFF_HEATERS"),
+    *("SET_GCODE_OFFSET", "SET_KINEMATIC_POSITION", "TURN_OFF_HEATERS"),
 )
 """Those of its modules; G10 and G11 of firmware_retraction, M73 and M117 of display_status."""
 
@@ -39,6 +41,7 @@ KLIPPER = Firmware(
     flow_tool="",
     one_acceleration=True,
     coldest=False,
+    stands=("SET_KINEMATIC_POSITION Z={z:.3f}",),
     save="SAVE_GCODE_STATE",
     restore="RESTORE_GCODE_STATE",
     kept={

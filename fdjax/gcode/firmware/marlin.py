@@ -11,6 +11,9 @@
   M207 to M209: M207-M209.cpp. M218: M218.cpp. M302: M302.cpp, where S alone decides of P.
 - Homing ends M420: `set_bed_leveling_enabled(false)` (G28.cpp); it comes back only where
   RESTORE_LEVELING_AFTER_G28 is on, which it is not as it comes.
+- Switched on anew it takes the nozzle to be at 0, and G92 shifts the file's coordinates only: its
+  soft end stops (motion.cpp, `apply_motion_limits`) would stop all that lies lower than where it
+  stood, so they are turned off: the check has seen that the file stays within the room.
 - G60, G61 keep places, XYZE, and no modes: G60.cpp, G61.cpp.
 - M486 counts and marks objects; T begins anew: M486.cpp, cancel_object.h.
 """
@@ -21,6 +24,7 @@ MARLIN = Firmware(
     "marlin",
     no_speed="ignored",
     home_ends=("M420",),
+    stands=("M211 S0", "G92 Z{z:.3f}"),
     save="G60",
     restore="G61",
     saves_place=True,

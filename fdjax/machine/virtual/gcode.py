@@ -5,8 +5,9 @@ from collections import deque
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
 from fdjax.gcode.commands import knows
+from fdjax.gcode.settings import said
 from fdjax.gcode.state import GcodeState
-from fdjax.gcode.words import parse
+from fdjax.gcode.words import command_of
 from fdjax.machine.program import switched_on
 from fdjax.machine.virtual.base import AbstractVirtualMachine
 
@@ -116,11 +117,12 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         """Run a line; when it is done."""
         text = self._text(line)
         try:
-            name, words = parse(text)
+            name, at = command_of(text)
         except InputError:
             self._refuse(text)
             return self.now
-        if self._answers_to(name, words):
+        words = said(text, at)
+        if self._answers_to(name):
             return self.now
         if not self._knows(name):
             self._refuse(text)
@@ -154,7 +156,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
     def _refuse(self, text: str) -> None:
         self.say(f'echo:Unknown command: "{text}"')
 
-    def _run(self, name: str, words: dict[str, float], text: str) -> float:
+    def _run(self, name: str, words: dict[str, str], text: str) -> float:
         state = self.state
         place, e = state.on_bed, state.e
         try:
@@ -169,7 +171,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         if name in _WAITS:
             until = self.rest_at
         if name in ("M109", "M190"):
-            nozzle = f"T{words.get('T', state.tool):g}"
+            nozzle = f"T{words.get('T', state.tool)}"
             heater = self.heaters.get("B" if name == "M190" else nozzle)
             until += heater.wait(self.now) if heater is not None else 0.0
         return until
@@ -182,19 +184,23 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         if pushes and self._is_cold():
             self.say("echo: cold extrusion prevented")
             moves = tuple(move._replace(volume=0.0) for move in moves)
+        self._clamp()
+        return moves
+
+    def _clamp(self) -> None:
+        """Soft end stops, which look at the place on the bed."""
         x, y, z = (
             min(max(place, low), high)
             for place, low, high in zip(self.state.on_bed, *self.room, strict=True)
         )
         self.state.on_bed = (x, y, z)
-        return moves
 
     def _is_cold(self) -> bool:
         least = self.coldest if self.state.coldest is None else self.state.coldest
         heater = self.heaters.get(f"T{self.state.tool}")
         return heater is not None and heater.at(self.now) < least
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _answers_to(self, name: str) -> bool:
         """Whether a command is a question, which is answered."""
         if name == "M105":
             self.say(self._temperatures())

@@ -98,6 +98,9 @@ class VirtualGrbl(AbstractGcodeMachine):
     def _acknowledge(self, line: str) -> None:
         self.say(self._verdict)
 
+    def _clamp(self) -> None:
+        """Its soft limits are off as it comes ($20=0)."""
+
     def _begin(self, line: str) -> float:
         self._verdict = "ok"
         code = line if line.startswith("$") else code_of(line)

@@ -81,11 +81,11 @@ class VirtualKlipper(AbstractGcodeMachine):
             for name, heater in sorted(self.heaters.items())
         )
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _answers_to(self, name: str) -> bool:
         if name == "M105":
             self.say(f"ok {self._temperatures()}")
             return True
-        return name == "M110" or super()._answers_to(name, words)
+        return name == "M110" or super()._answers_to(name)
 
     def _identity(self) -> str:
         return "FIRMWARE_VERSION:v0.12.0 FIRMWARE_NAME:Klipper"

@@ -148,6 +148,10 @@ class VirtualMarlin(AbstractGcodeMachine):
     def _text(self, line: str) -> str:
         return code_of(_TEXT.sub("", line, count=1).partition("*")[0])
 
+    def _clamp(self) -> None:
+        if self.state.settings.get(("M211", "", 1.0), {}).get("S") != "0":
+            super()._clamp()
+
     def _refuse(self, text: str) -> None:
         if text[:1] == "T" and text[1:].isdigit():
             self.say(f"echo:{text} Invalid extruder")
@@ -164,7 +168,7 @@ class VirtualMarlin(AbstractGcodeMachine):
         free = 16 - len(self._planned)
         self.say(f"ok N{found[1]} P{max(free, 0)} B{self.queue_length - 1 - len(self._queue)}")
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _answers_to(self, name: str) -> bool:
         if name == "M112":
             self._halt()
             return True
@@ -173,7 +177,7 @@ class VirtualMarlin(AbstractGcodeMachine):
         if name == "M105":
             self.say(f"ok {self._temperatures()} @:0 B@:0")
             return True
-        return super()._answers_to(name, words)
+        return super()._answers_to(name)
 
     def _place(self, x: float, y: float, z: float, e: float) -> str:
         steps = f"Count X:{80 * x:.0f} Y:{80 * y:.0f} Z:{400 * z:.0f}"

@@ -49,11 +49,19 @@ class VirtualRepRapFirmware(AbstractGcodeMachine):
             if text:
                 self._queue.append(text)
 
-    def _run(self, name: str, words: dict[str, float], text: str) -> float:
+    def _run(self, name: str, words: dict[str, str], text: str) -> float:
         if name == "M575":
-            self._wants_checksum = words.get("S", 0.0) in (1.0, 3.0)
+            self._wants_checksum = words.get("S") in ("1", "3")
             return self.now
         return super()._run(name, words, text)
+
+    def _clamp(self) -> None:
+        """Its G92 says where the machine is, so its limits go with it."""
+        state = self.state
+        state.on_bed = (state.x, state.y, state.z)
+        super()._clamp()
+        x, y, z = (place + by for place, by in zip(state.on_bed, state.shift, strict=True))
+        state.on_bed = (x, y, z)
 
     def _refuse_unhomed(self) -> str:
         return "Error: G0/G1: insufficient axes homed"
@@ -67,8 +75,8 @@ class VirtualRepRapFirmware(AbstractGcodeMachine):
     def _complain(self, why: str) -> None:
         self.say(f"Error: {why}")
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _answers_to(self, name: str) -> bool:
         if name == "M105":
             self.say(f"ok {self._temperatures()}")
             return True
-        return name in ("M112", "M21") or super()._answers_to(name, words)
+        return name in ("M112", "M21") or super()._answers_to(name)
