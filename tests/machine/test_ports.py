@@ -279,6 +279,7 @@ def test_a_machine_in_the_network_prints(tmp_path, networked):
 
 
 @DEPRECATED
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a socket, by it
 def test_a_connection_that_breaks_is_opened_again(tmp_path, networked):
     job = gcode(tmp_path / "job.gcode", 150)
     networked.cut_after = 2500
