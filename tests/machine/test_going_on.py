@@ -17,7 +17,6 @@ from fdjax.machine.survey import survey
 from fdjax.machine.virtual.port import VirtualPort
 
 LIFT = 10.0
-OWN = ("M105", "M114", "M115", "M110", "M575")
 
 SETTINGS = {
     "marlin": [
@@ -205,7 +204,7 @@ def cut(bench, accident, line):
         while stream.line < line:
             stream._fill()
             stream._exchange()
-        if accident == "power":
+        if accident == "power" and isinstance(bench, Bench):
             bench.machine.reset(bench.port.now())
             bench.port.wait(2.0)
         return stream.line
