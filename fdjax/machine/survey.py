@@ -8,11 +8,11 @@ from math import inf
 
 from fdjax.errors import InputError
 from fdjax.gcode.commands import passes_over
+from fdjax.gcode.motion import MotionTime
 from fdjax.gcode.settings import said
 from fdjax.gcode.state import GcodeState
 from fdjax.gcode.words import Refused, command_of
 from fdjax.machine.findings import FORBIDDEN, LONGEST, Findings
-from fdjax.machine.motion import MotionTime
 from fdjax.machine.program import Program
 from fdjax.machine.pushes import check_push
 from fdjax.machine.sml_state import SmlState
