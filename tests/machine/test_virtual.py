@@ -86,6 +86,7 @@ def test_marlin_reads_as_it_does(line, end, says):
         ("M999.9", ["Warning: M999.9: Command is not supported"]),
         ("M1234 S1", ["Warning: M1234 S1: Command is not supported"]),
         ("M572 D0 S0.1", []),
+        ("N-1 M110 N-1*125", []),
         ("G61", ["Error: Bad command: G61"]),
     ],
 )

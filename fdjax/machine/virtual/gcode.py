@@ -16,6 +16,7 @@ _NOZZLE, _BED = 2.0, 0.5
 """Degrees a second, of each nozzle and of the bed."""
 _WAITS = frozenset({"M109", "M190", "G28", "G4", "M400"})
 _MOVES = ("G0", "G1", "G2", "G3")
+_ALL = frozenset("XYZ")
 
 
 class Heater:
@@ -107,7 +108,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
 
     def _has_answered(self, line: str) -> bool:
         """Whether the answer to a line was its acknowledgement too: `ok T:...`."""
-        return self._text(line).startswith("M105")
+        return "M105" in line and self._text(line).startswith("M105")
 
     def _text(self, line: str) -> str:
         """A queued line without its frame."""
@@ -116,6 +117,8 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
     def _begin(self, line: str) -> float:
         """Run a line; when it is done."""
         text = self._text(line)
+        if text[:3] in ("G1 ", "G0 ") and self.state.homed == _ALL:  # in a hurry
+            return self._try("G1", {}, text)
         try:
             name, at = command_of(text)
         except InputError:
@@ -132,6 +135,10 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
             if refusal:
                 self.say(refusal)
                 return self.now
+        return self._try(name, words, text)
+
+    def _try(self, name: str, words: dict[str, str], text: str) -> float:
+        """Run a command, or say why not; when it is done."""
         try:
             until = self._run(name, words, text)
         except InputError as error:
@@ -165,6 +172,8 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
             state.on_bed, state.e = place, e  # what is refused is not made
             raise
         until = self._make(moves)
+        if name in _MOVES:
+            return until
         for heater, target in {**_nozzles(state), "B": state.bed}.items():
             if heater in self.heaters and self.heaters[heater].target != target:
                 self.heaters[heater].set(target, self.now)
@@ -180,7 +189,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         """Cold nozzles push nothing, and soft end stops clamp."""
         if not moves:
             return moves
-        pushes = any(move.volume > 0 for move in moves) and not self.state.power
+        pushes = moves[-1].volume > 0 and not self.state.power  # all of a line, or none
         if pushes and self._is_cold():
             self.say("echo: cold extrusion prevented")
             moves = tuple(move._replace(volume=0.0) for move in moves)
@@ -189,11 +198,9 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
 
     def _clamp(self) -> None:
         """Soft end stops, which look at the place on the bed."""
-        x, y, z = (
-            min(max(place, low), high)
-            for place, low, high in zip(self.state.on_bed, *self.room, strict=True)
-        )
-        self.state.on_bed = (x, y, z)
+        (x, y, z), ((a, b, c), (d, e, f)) = self.state.on_bed, self.room
+        if not (a <= x <= d and b <= y <= e and c <= z <= f):
+            self.state.on_bed = (min(max(x, a), d), min(max(y, b), e), min(max(z, c), f))
 
     def _is_cold(self) -> bool:
         least = self.coldest if self.state.coldest is None else self.state.coldest

@@ -146,7 +146,8 @@ class VirtualMarlin(AbstractGcodeMachine):
         return False
 
     def _text(self, line: str) -> str:
-        return code_of(_TEXT.sub("", line, count=1).partition("*")[0])
+        text = _TEXT.sub("", line, count=1).partition("*")[0].strip()
+        return code_of(text) if "(" in text else text
 
     def _clamp(self) -> None:
         if self.state.settings.get(("M211", "", 1.0), {}).get("S") != "0":

@@ -6,7 +6,7 @@ from fdjax.formats.profile import Machine
 from fdjax.machine.protocols.base import checksum
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
-_NUMBER = re.compile(r"^N\d+\s*")
+_NUMBER = re.compile(r"^N-?\d+\s*")
 _DIGITS = re.compile(r"[0-9]{1,3}")
 
 
@@ -79,4 +79,4 @@ class VirtualRepRapFirmware(AbstractGcodeMachine):
         if name == "M105":
             self.say(f"ok {self._temperatures()}")
             return True
-        return name in ("M112", "M21") or super()._answers_to(name)
+        return name in ("M112", "M110", "M21") or super()._answers_to(name)
