@@ -195,6 +195,11 @@ class Record:
         return self.flows.get(self.tool if self.firmware.flow_tool else 0, 1.0)
 
     @property
+    def pours(self) -> bool:
+        """Whether motion lays something by the power that is on, as a dispenser's."""
+        return self.power > 0 and self.motion != "G0"
+
+    @property
     def fan(self) -> float:
         """S of the first fan."""
         return self.fans.get(0, 0.0)

@@ -78,7 +78,7 @@ class GcodeState(Record):
         else:
             before, self.e = self.e, float(e)
             volume = (self.e - before) * self.gain
-        if self.area_per_power or (volume and start == end):
+        if self.power or (volume and start == end):
             return self._straight(start, end, volume)
         if volume > 0 and to_z > self.top:
             self.top = to_z
@@ -245,9 +245,9 @@ class GcodeState(Record):
         pace = self.pace
         if start == end and volume:
             return Move(start, end, pace, volume, abs(volume / self.gain) / pace)
-        if self.area_per_power and self.motion != "G0":
+        if self.pours and self.area_per_power:
             volume = self.power * self.area_per_power * math.dist(start, end)
-        if volume > 0:
+        if volume > 0 or self.pours:
             self.top = max(self.top, end[2])
         return Move(start, end, pace, volume)
 

@@ -63,6 +63,7 @@ class Points:
             moves = state.run(command.text)
             if command.line <= reached:
                 laid = laid or any(move.volume > 0 for move in moves)
+                laid = laid or (isinstance(state, GcodeState) and bool(moves) and state.pours)
                 if any(sign in command.text.upper() for sign in _HOMING):
                     self._before.clear()
             line = command.line
@@ -175,7 +176,7 @@ def way_back(
     )
     rise = high - (0.0 if lost else state.shift[2])
     if not extruder:
-        lines = ["G21", "G90", f"G1 Z{rise:.3f} F600", f"G1 X{x:.3f} Y{y:.3f} F6000"]
+        lines = ["M5", "G21", "G90", f"G1 Z{rise:.3f} F600", f"G1 X{x:.3f} Y{y:.3f} F6000"]
         lines += [f"G1 Z{z:.3f} F600"]
         lines += [f"{state.spindle} S{state.power:g}"] if state.power else []
         return [*lines, *rebuild.modes(state, extruder=False)]

@@ -4,6 +4,7 @@ import pytest
 from streams import PRINTER
 
 from fdjax.machine import virtual
+from fdjax.machine.protocols.grbl import GrblProtocol
 
 
 def told(machine, *lines, profile=PRINTER, **options):
@@ -136,3 +137,18 @@ def test_grbls_status_is_the_machines_place_and_no_buffer():
     player.receive(b"$10=2\n?", 0.0)
     *_, said = (data.decode() for _, data in player.answers())
     assert said.startswith("<Idle|WPos:7.000,0.000,0.000|Bf:15,128|")
+
+
+@pytest.mark.parametrize(
+    "status",
+    [
+        "<Idle|MPos:..000,0.000,0.000|FS:0,0>",
+        "<Idle|MPos:1.000,2.000,3.000|WCO:-.-,0,0>",
+        "<Idle|>",
+    ],
+)
+def test_a_damaged_status_tells_no_place(status):
+    protocol = GrblProtocol()
+    protocol.open(0.0)
+    protocol.feed(f"{status}\n".encode(), 0.0)
+    assert protocol.ready
