@@ -65,7 +65,7 @@ def _set_position(record: Record, words: Words) -> None:
     if "E" in named:
         record.e = named["E"] * record.e_scale
     record.know(named.keys())
-    if record.firmware.g92_homes:
+    if record.firmware.shifts_machine:
         record.homed |= named.keys() & set("XYZ")
 
 

@@ -93,9 +93,13 @@ def saved_states(record: Record) -> list[str]:
 
 
 def place(record: Record) -> list[str]:
-    """Say where the printer stands, in the coordinates of the file, where these are shifted."""
-    moved = [_coordinates(record, record)] if any(record.shift) else []
-    return [*(_offset(record) if any(record.offset) else []), *moved]
+    """Say where the printer stands, in the coordinates of the file, where these are shifted.
+
+    So they are, for a while, where states are saved again.
+    """
+    saved = bool(saved_states(record)) and not record.firmware.stacks
+    moved = [_coordinates(record, record)] if saved or any(record.shift) else []
+    return [*(_offset(record) if saved or any(record.offset) else []), *moved]
 
 
 def _offset(saved: Saved | Record) -> list[str]:

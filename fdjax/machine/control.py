@@ -8,6 +8,7 @@ from fdjax.gcode import rebuild
 from fdjax.gcode.state import GcodeState
 from fdjax.machine.program import State
 from fdjax.machine.sml_state import SmlState
+from fdjax.moves import Point
 
 _TRAVEL = 6000.0
 _PUSH = 1800.0
@@ -59,12 +60,12 @@ class _Gcode(Commands):
         assert isinstance(state, GcodeState)
         if not state.placed:
             return []
-        x, y = machine.parking
+        x, y, _ = within((*machine.parking, 0.0), state, machine)
         return [
             "M400",
             *rebuild.DIRECT,
             *_rise(state, machine, machine.stream.park_lift),
-            f"G1 X{x - state.shift[0]:.3f} Y{y - state.shift[1]:.3f} F{_TRAVEL:g}",
+            f"G1 X{x:.3f} Y{y:.3f} F{_TRAVEL:g}",
             f"M104 S{max(state.nozzle - 60, 0):g}",
         ]
 
@@ -114,9 +115,18 @@ def above(state: GcodeState, machine: Machine, lift: float) -> float:
     return max(min(max(z, state.top) + lift, machine.bed[2]), z)
 
 
+def within(place: Point, state: GcodeState, machine: Machine) -> Point:
+    """Coordinates of a place on the bed, so far as the firmware's own limits let it go there."""
+    x, y, z = (at - by for at, by in zip(place, state.shift, strict=True))
+    if not state.firmware.shifts_machine:
+        return x, y, z
+    (a, b, c), (d, e, f) = machine.room
+    return min(max(x, a), d), min(max(y, b), e), min(max(z, c), f)
+
+
 def _rise(state: GcodeState, machine: Machine, lift: float) -> list[str]:
     """Pull filament back and rise above all that stands."""
-    height = above(state, machine, lift) - state.shift[2]
+    *_, height = within((0.0, 0.0, above(state, machine, lift)), state, machine)
     return [
         rebuild.push(state, -machine.stream.park_retract, _PUSH),
         f"G1 Z{height:.3f} F600",

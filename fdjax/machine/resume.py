@@ -10,7 +10,7 @@ from fdjax.formats.profile import Machine
 from fdjax.gcode import rebuild
 from fdjax.gcode.settings import state_name
 from fdjax.gcode.state import GcodeState
-from fdjax.machine.control import above, tools
+from fdjax.machine.control import above, tools, within
 from fdjax.machine.program import Program, State
 from fdjax.machine.protocols.base import same
 from fdjax.machine.sml_state import SmlState
@@ -174,7 +174,7 @@ def way_back(
         place - shift
         for place, shift in zip(state.on_bed, _shift_then(state, stands, extruder), strict=True)
     )
-    rise = high - (0.0 if lost else state.shift[2])
+    rise = high if lost else within((0.0, 0.0, high), state, machine)[2]
     if not extruder:
         lines = ["M5", "G21", "G90", f"G1 Z{rise:.3f} F600", f"G1 X{x:.3f} Y{y:.3f} F6000"]
         lines += [f"G1 Z{z:.3f} F600"]

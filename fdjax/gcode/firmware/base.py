@@ -46,8 +46,9 @@ class Firmware:
     - `one_acceleration`: whether M204 sets one for roads and travel, the lesser of P and T.
     - `coldest`: whether M302 sets the temperature below which nothing is pushed.
     - `home_ends`: commands whose setting homing puts out of force.
-    - `stands`: lines that say at which height the nozzle stands, without homing; `g92_homes`:
-      whether axes that G92 names count as homed.
+    - `stands`: lines that say at which height the nozzle stands, without homing; `shifts_machine`:
+      whether G92 says where the machine itself is, so that axes that it names count as homed, and
+      soft end stops go with it.
     - `save`, `restore`: commands that save the state and bring it back; `stacks`: without a name,
       the last one saved first. `saves_place`: whether the place is all that they save.
     - `kept`: settings by their commands; `harmless`: extended commands that do not move.
@@ -75,7 +76,7 @@ class Firmware:
     coldest: bool = True
     home_ends: tuple[str, ...] = ()
     stands: tuple[str, ...] = ("G92 Z{z:.3f}",)
-    g92_homes: bool = False
+    shifts_machine: bool = False
     save: str = ""
     restore: str = ""
     stacks: bool = False

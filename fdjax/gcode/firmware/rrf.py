@@ -7,7 +7,8 @@
 - M106 without S configures or reports (GCodes2.cpp); M221 names its drive by D.
 - M566, M572 and M201 to M205 hold until they are given again; M376 is the height at which G29's
   mesh fades out, G29 S1 loads the mesh and S2 turns it off. Homing does not.
-- Axes that G92 names count as homed (GCodes.cpp, SetPositions).
+- G92 sets the machine's own position: axes that it names count as homed, and limits go with it
+  (GCodes.cpp, SetPositions).
 - M120 and M121 push and pop feed, units and modes, not the place (GCodeMachineState.h).
 - An unknown M-code is a warning; M21 is known.
 """
@@ -20,7 +21,7 @@ REPRAP = Firmware(
     runs_all=True,
     bare_fan=False,
     flow_tool="D",
-    g92_homes=True,
+    shifts_machine=True,
     save="M120",
     restore="M121",
     stacks=True,
