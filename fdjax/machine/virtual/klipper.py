@@ -56,9 +56,11 @@ class VirtualKlipper(AbstractGcodeMachine):
         return super()._begin(line)
 
     def _limited(self, moves: tuple) -> tuple:
+        (a, b, c), (d, e, f) = self.room
         for move in moves:
-            if any(not a <= p <= b for p, a, b in zip(move.end, *self.room, strict=True)):
-                raise InputError(f"Move out of range: {move.end[0]:.3f} {move.end[1]:.3f}")
+            x, y, z = move.end
+            if not (a <= x <= d and b <= y <= e and c <= z <= f):
+                raise InputError(f"Move out of range: {x:.3f} {y:.3f} {z:.3f}")
             if move.volume > 0 and self._is_cold():
                 raise InputError("Extrude below minimum temp")
             if move.volume:
