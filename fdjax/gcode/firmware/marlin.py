@@ -1,4 +1,4 @@
-"""Marlin 2: sources are its files (2.0.8 to 2.1.2), and a build of 2.0.8 for this machine's kind.
+"""Marlin 2: sources are its files (2.0.8 to 2.1.2), and what a build of 2.0.8 was seen to do.
 
 - G90, G91 set E's mode too, M82 and M83 set it again: `GcodeSuite::set_relative_mode` clears the E
   bits (gcode.h). Seen in 2.0.8: after M83, G90 a `G1 E1` and a second one push 1 mm together.
