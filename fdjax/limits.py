@@ -17,7 +17,7 @@ class Limits:
       they do not overlap.
     - `longest_span`: of a road over nothing.
     - `least_road`: length from flow on to flow off.
-    - `bed`: room along x, y and z, from the machine's origin.
+    - `bed`: room along x, y and z; `bed_origin`: machine coordinates of its front left corner.
 
     Raises `InputError` for a limit that is not positive or a range that is empty.
     """
@@ -28,6 +28,7 @@ class Limits:
     longest_span: float = math.inf
     least_road: float = 0.0
     bed: tuple[float, float, float] = (math.inf, math.inf, math.inf)
+    bed_origin: tuple[float, ...] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("road_width", "layer_height"):

@@ -132,6 +132,6 @@ def origin_on(machine: Machine, part: body.Part) -> tuple[float, float]:
     """Where the part's (0, 0) goes so that the part lies in the middle of the bed, mm."""
     x0, y0, x1, y1 = part.bounds
     return (
-        round(machine.bed[0] / 2 - (x0 + x1) / 2, 3),
-        round(machine.bed[1] / 2 - (y0 + y1) / 2, 3),
+        round(machine.bed_origin[0] + machine.bed[0] / 2 - (x0 + x1) / 2, 3),
+        round(machine.bed_origin[1] + machine.bed[1] / 2 - (y0 + y1) / 2, 3),
     )

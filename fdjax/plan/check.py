@@ -211,7 +211,7 @@ def _bed(build: Build, layer: Layer, segments: Segments, limits: Limits) -> _Fou
     room = np.array(limits.bed[:2])
     xy = np.concatenate([segments.start, segments.end])
     margin = np.concatenate([segments.width, segments.width])[:, None] / 2
-    on_bed = xy + np.asarray(build.origin)
+    on_bed = xy + np.asarray(build.origin) - np.asarray(limits.bed_origin)
     beyond = np.maximum(margin - on_bed, on_bed + margin - room).max(axis=1, initial=-np.inf)
     count = int((beyond > _SLACK).sum())
     size = " x ".join(f"{side:g}" for side in limits.bed)

@@ -11,15 +11,17 @@ from pathlib import Path
 
 import jax
 import pytest
+import shapely
 from PIL import Image
 
-from fdjax.app import run
+from fdjax.app import run, setting
 from fdjax.app.cli import main
 from fdjax.formats import profile, read_file
 from fdjax.grid.base import Sides
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.solvers import Newton
 from fdjax.optimise.design import Design
+from fdjax.part.part import Part
 from fdjax.part.patch import cosine_top
 from fdjax.pattern.map_lines import SOLVERS
 
@@ -160,6 +162,12 @@ def test_the_part_lies_in_the_middle_of_the_bed(finished):
     build = read_file(finished.folder / "saddle.gcode")
     assert build.origin == (95.0, 100.0)
     assert build.layers[0].outline.bounds == pytest.approx((0, 0, 30, 20))
+
+
+def test_a_bed_may_have_its_origin_in_its_middle():
+    part = Part.plate(shapely.box(10, 0, 40, 20))
+    machine = replace(profile.load("marlin-0.4"), bed_origin=(-110.0, -110.0))
+    assert setting.origin_on(machine, part) == (-25.0, -10.0)
 
 
 def test_a_table_and_progress_are_printed(finished, again, tmp_path, capsys):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shapely import MultiPolygon, Point, box
@@ -87,6 +89,9 @@ def test_width_height_length_and_bed():
     assert kinds(one(road).replace(origin=(82.1, 0))).keys() == {("bed", "error")}
     assert kinds(one(road).replace(origin=(81.7, 0))) == {}
     assert kinds(one(road).replace(origin=(-2.0, 0))).keys() == {("bed", "error")}
+    centred = replace(LIMITS, bed_origin=(-50.0, -40.0))
+    assert kinds(one(road).replace(origin=(-50, -40)), centred) == {}
+    assert kinds(one(road).replace(origin=(-50, -43)), centred).keys() == {("bed", "error")}
     high = Build((Layer(50.1, 0.2, (road,), PLATE),))
     assert ("bed", "error") in kinds(high)
 
