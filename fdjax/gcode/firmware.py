@@ -13,15 +13,17 @@ class Firmware:
       self.absolute_extrude`). "apart": only M82 and M83 do (RepRapFirmware, `drivesRelative`).
     - `first_motion`: what words alone go on with before any motion; none with most.
     - `runs_all`: whether it runs all commands of a line, or the first only.
+    - `splines`: whether it may have G5 (Marlin, where it is built with BEZIER_CURVE_SUPPORT).
     """
 
     name: str
     e_mode: str = "set"
     first_motion: str = ""
     runs_all: bool = False
+    splines: bool = False
 
 
-MARLIN = Firmware("marlin")
+MARLIN = Firmware("marlin", splines=True)
 KLIPPER = Firmware("klipper", e_mode="while")
 REPRAP = Firmware("rrf", e_mode="apart", runs_all=True)
 GRBL = Firmware("grbl", e_mode="while", first_motion="G0", runs_all=True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from fdjax import arcs
 from fdjax.errors import InputError
-from fdjax.gcode.commands import SETTERS, select
+from fdjax.gcode.commands import SETTERS, UNFOLLOWED, select
 from fdjax.gcode.record import Record
 from fdjax.gcode.words import PLAIN, command_of, words_of
 from fdjax.moves import Move, Point
@@ -20,7 +20,7 @@ from fdjax.moves import Move, Point
 HOMING_SPEED = 40.0
 """mm/s, assumed of homing."""
 
-_MOTION = frozenset({"G0", "G1", "G2", "G3"})
+_MOTION = frozenset({"G0", "G1", "G2", "G3", "G5"})
 _STRICT = _MOTION | {"G92"}
 """A letter alone is what a cut-off line ends in, so their words must have numbers."""
 _BLOCK = re.compile(r"([GM])\s*(\d+(?:\.\d+)?)", re.IGNORECASE)
@@ -101,6 +101,8 @@ class GcodeState(Record):
             return self._home(words) if name == "G28" else self._wait(words)
         if name == "$H":
             return self._home({})
+        if name in UNFOLLOWED or name[0] == "O":
+            raise InputError(f"{name} {UNFOLLOWED.get(name, 'is a program of another control')}")
         if self.firmware.runs_all and _BLOCK.search(code, at):
             return self._several(code)
         if name[0] == "T" and name[1:].isdigit():
@@ -124,7 +126,9 @@ class GcodeState(Record):
         return moves
 
     def move(self, name: str, words: Mapping[str, float]) -> tuple[Move, ...]:
-        """Make the motion of G0 to G3."""
+        """Make the motion of G0 to G3 or G5."""
+        if name == "G5" and not self.firmware.splines:
+            raise InputError(f"G5 is a spline, which {self.firmware.name} does not lay")
         other = words.keys() & _OTHER_AXES
         if other:
             axis = min(other)
@@ -152,6 +156,8 @@ class GcodeState(Record):
             self.know(words.keys() - {"E"} if self.relative_e else words.keys())
         if name in ("G2", "G3"):
             return self._arc(name, words, start, volume)
+        if name == "G5":
+            return self._spline(words, start, volume)
         return (self._straight(start, end, volume),)
 
     def _straight(self, start: Point, end: Point, volume: float) -> Move:
@@ -176,12 +182,30 @@ class GcodeState(Record):
             raise InputError("an arc needs I and J, or R")
         if not math.dist(start[:2], centre) < _LARGEST_RADIUS:
             raise InputError(f"an arc of more than {_LARGEST_RADIUS:g} mm radius cannot be meant")
-        points = arcs.between(start[:2], end[:2], centre, turn)
+        return self._along(arcs.between(start[:2], end[:2], centre, turn), start, volume)
+
+    def _spline(
+        self, words: Mapping[str, float], start: Point, volume: float
+    ) -> tuple[Move, ...]:
+        """Marlin's G5 (G5.cpp): I, J lead away from the start, P, Q from the end."""
+        k, end = self.scale, self.on_bed
+        leaving = (start[0] + words.get("I", 0.0) * k, start[1] + words.get("J", 0.0) * k)
+        coming = (end[0] + words.get("P", 0.0) * k, end[1] + words.get("Q", 0.0) * k)
+        points = arcs.cubic_points(start[:2], leaving, coming, end[:2])
+        return self._along(points, start, volume)
+
+    def _along(
+        self, points: list[tuple[float, float]], start: Point, volume: float
+    ) -> tuple[Move, ...]:
+        """Straight moves to points, the last of them the end, that share a volume by length."""
+        end = self.on_bed
+        steps = [math.dist(a, b) for a, b in zip([start[:2], *points], points, strict=False)]
+        whole = math.fsum(steps) or 1.0
         count = len(points)
         moves, before = [], start
         for number, (x, y) in enumerate(points, 1):
             after = (x, y, start[2] + (end[2] - start[2]) * number / count)
-            share = volume / count
+            share = volume * steps[number - 1] / whole
             if self.area_per_power:
                 share = self.power * self.area_per_power * math.dist(before, after)
             moves.append(Move(before, after, self.pace, share))
