@@ -184,9 +184,7 @@ class GcodeState(Record):
             raise InputError(f"an arc of more than {_LARGEST_RADIUS:g} mm radius cannot be meant")
         return self._along(arcs.between(start[:2], end[:2], centre, turn), start, volume)
 
-    def _spline(
-        self, words: Mapping[str, float], start: Point, volume: float
-    ) -> tuple[Move, ...]:
+    def _spline(self, words: Mapping[str, float], start: Point, volume: float) -> tuple[Move, ...]:
         """Marlin's G5 (G5.cpp): I, J lead away from the start, P, Q from the end."""
         k, end = self.scale, self.on_bed
         leaving = (start[0] + words.get("I", 0.0) * k, start[1] + words.get("J", 0.0) * k)
