@@ -1,6 +1,7 @@
 """What `fdjax measure` does: the porosity that a machine file will have, against a target."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import shapely
 
 from fdjax.errors import InputError
 from fdjax.formats import read_file
+from fdjax.formats.footprint import outlined
+from fdjax.formats.gcode_layers import Choice
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
 from fdjax.plan.compare import Comparison, compare
@@ -28,7 +31,10 @@ class Question:
       white, or 0 and 1, stand for.
     - `window`: side of the windows, mm; `shifted`: by half a window in both directions.
     - `outline`: WKT, or a file that holds WKT or GeoJSON, of one or more polygons;
-      `layer_height`, `filament`: mm; `machine`: a profile's name or file.
+      where there is none, that of the outermost perimeters or the footprint of the roads.
+    - `layer_height`: mm; `filament`: mm, one or one a tool; `machine`: a profile's name or file;
+      `firmware`: whose reading of G-code holds.
+    - `choice`: which roads of the file.
     """
 
     target: str
@@ -40,8 +46,10 @@ class Question:
     shifted: bool = False
     outline: str | None = None
     layer_height: float | None = None
-    filament: float | None = None
+    filament: float | Sequence[float] | None = None
     machine: str | None = None
+    firmware: str | None = None
+    choice: Choice | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +99,7 @@ class Answer:
             "travel": sum(layer.travel for layer in layers),
             "layers": len(layers),
             "roads": sum(len(layer.roads) for layer in layers),
+            "reading": dict(self.build.reading),
             "x": self.measurement.x.tolist(),
             "y": self.measurement.y.tolist(),
             "asked": _plain(self.comparison.asked),
@@ -112,6 +121,7 @@ class Answer:
                 f"coverage          {fact['coverage']:8.4f}  of the outline, seen from above",
                 f"volume            {fact['volume']:8.1f}  mm^3",
                 f"travel            {fact['travel']:8.1f}  mm inside layers",
+                *(f"{what:<17} {said}" for what, said in fact["reading"].items()),
             ]
         )
 
@@ -152,13 +162,25 @@ def answer(path: str | Path, question: Question) -> Answer:
         filament=question.filament,
         layer_height=question.layer_height,
         outline=outline,
+        firmware=question.firmware,
+        choice=question.choice,
     )
     if not any(layer.roads for layer in build.layers):
         raise InputError(f"{path}: holds no roads, so there is no porosity to measure")
     if any(layer.outline is None for layer in build.layers):
-        raise InputError(f"{path}: does not say what outline it fills; name it with --outline")
+        try:
+            build, said = outlined(build)
+        except InputError as fault:
+            raise InputError(f"{path}: {fault}") from None
+        build = build.replace(reading={**build.reading, "outline": said})
     half = 0.5 if question.shifted else 0.0
-    measurement = measure(build, window=question.window, shift=(half, half))
+    try:
+        measurement = measure(build, window=question.window, shift=(half, half))
+    except InputError as fault:
+        said = build.reading.get("outline")
+        raise InputError(
+            f"{fault}; the outline is {said} without --outline" if said else fault
+        ) from None
     part = _part(build)
     target = read_target(
         question.target,

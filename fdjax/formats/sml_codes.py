@@ -67,7 +67,7 @@ def fit_road(road: Road, height: float, origin: Floats, sml: Sml, carry: Carry) 
     steps, width = np.vstack([steps[:1], steps[1:][lasting]]), road.width[lasting]
     if len(width) == 0:
         return ()
-    asked = section_area(width, height) / sml.area_per_code
+    asked = road.areas(height)[lasting] / sml.area_per_code
     if asked.min() < _STEP - 1e-6 or asked.max() > LARGEST_GAIN + 1e-6:
         wrong = width[asked.argmin() if asked.min() < _STEP - 1e-6 else asked.argmax()]
         raise InputError(

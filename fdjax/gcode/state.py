@@ -118,7 +118,9 @@ class GcodeState(Record):
             names.insert(0, self.motion)
         if not self.firmware.runs_all:
             first, second = names[:2]
-            raise InputError(f"{second} stands behind {first}: only the first would be run")
+            raise InputError(
+                f"{second} stands behind {first}: {self.firmware.name} would run the first only"
+            )
         words = _BLOCK.sub("", code)
         moves: tuple[Move, ...] = ()
         for name in sorted(names, key=lambda name: command_of(name)[0] in _MOTION):
