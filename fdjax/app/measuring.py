@@ -178,9 +178,8 @@ def answer(path: str | Path, question: Question) -> Answer:
         measurement = measure(build, window=question.window, shift=(half, half))
     except InputError as fault:
         said = build.reading.get("outline")
-        raise InputError(
-            f"{fault}; the outline is {said} without --outline" if said else fault
-        ) from None
+        more = f"; the outline is {said}, without --outline" if said else ""
+        raise InputError(f"{fault}{more}") from None
     part = _part(build)
     target = read_target(
         question.target,

@@ -100,17 +100,22 @@ def layers_of(
     """
     reading: dict[str, str] = {}
     pieces = _Pieces.of(track, comments)
-    aside = _aside(pieces, comments, outline, choice)
-    kept = aside == 0
+    aside = _aside(pieces, comments, outline)
+    part = aside == 0
+    _choose(pieces, aside, choice)
     reading |= _left_out(pieces, aside)
-    if not kept.any():
+    if (aside > 0).all():
         said = reading.get("left out", "nothing is deposited")
         raise InputError(f"G-code: nothing is left of the part: {said}")
-    pieces = pieces.of_those(kept)
+    # Layers and heights are the part's, whatever is asked for of it.
+    layered = part | (aside == 0)
+    asked = aside[layered] == 0
+    pieces = pieces.of_those(layered)
     key, tops = _layer_keys(pieces, comments, layer_height)
     heights, thickness, said = _heights(pieces, key, tops, settings, layer_height)
     reading["heights"] = said
     order = np.argsort(key, kind="stable")
+    order = order[asked[order]]
     ends = np.searchsorted(key[order], np.arange(len(tops) + 1))
     length = np.hypot(*(pieces.track.end - pieces.track.start)[:, :2].T)
     section = pieces.track.volume / length
@@ -124,52 +129,56 @@ def layers_of(
     layers = []
     for number in range(chosen[0] - 1, min(chosen[1], len(tops))):
         own = order[ends[number] : ends[number + 1]]
+        if not len(own):
+            continue
         high = float(thickness[number])
         plain = not rectangular and np.allclose(heights[own], high, rtol=1e-9)
         roads = _roads(pieces, own, width[own], None if plain else section[own])
         layers.append(Layer(float(tops[number]), high, roads, outline))
+    if not layers:
+        raise InputError(f"layers: {chosen[0]}:{chosen[1]}; they hold nothing that is asked for")
     return tuple(layers), reading
 
 
 _REASONS = ("", *ASIDE, "raft", "outside the outline", "other objects", "other roles")
 
 
-def _aside(
-    pieces: _Pieces, comments: Comments, outline: Outline | None, choice: Choice
-) -> NDArray[np.uint8]:
-    """Index in `_REASONS` of why each piece is left out, 0 for those that are asked for."""
+def _aside(pieces: _Pieces, comments: Comments, outline: Outline | None) -> NDArray[np.uint8]:
+    """Index in `_REASONS` of why each piece is no part, 0 for those that are."""
     track = pieces.track
     aside = np.zeros(len(track.line), np.uint8)
-
-    def leave_out(those: Mask, reason: str) -> None:
-        aside[those] = _REASONS.index(reason)
-
     if outline is not None:
-        leave_out(~_meets(track, outline), "outside the outline")
-    if choice.things:
-        names = {each.thing for each in comments.stretches}
-        asked = {n for n in names if n and any(fnmatch(n, thing) for thing in choice.things)}
-        if not asked:
-            known = ", ".join(sorted(names - {""})) or "none"
-            raise InputError(f"object: {', '.join(choice.things)}; the file has {known}")
-        leave_out(pieces.those(lambda each: each.thing not in asked), "other objects")
-    if choice.roles:
-        if "all" not in choice.roles:
-            wider = {"perimeter": ("perimeter", "outer perimeter", "overhang")}
-            roles = {name for role in choice.roles for name in wider.get(role, (role,))}
-            leave_out(pieces.those(lambda each: each.role not in roles), "other roles")
-        return aside
+        aside[~_meets(track, outline)] = _REASONS.index("outside the outline")
     for role in ASIDE:
-        leave_out(pieces.those(lambda each, role=role: each.role == role), role)
-    leave_out(pieces.those(lambda each: each.raft), "raft")
+        aside[pieces.those(lambda each, role=role: each.role == role)] = _REASONS.index(role)
+    aside[pieces.those(lambda each: each.raft)] = _REASONS.index("raft")
     if comments.layered:
-        leave_out(pieces.those(lambda each: each.layer == 0), "priming")
+        primes = pieces.those(lambda each: each.layer == 0)
     else:
         # A nozzle that goes down to its first layer has primed higher up.
         z = track.end[:, 2]
         lowest = z[z == track.start[:, 2]].min(initial=np.inf)
-        leave_out(np.arange(len(z)) < np.argmax(z <= lowest + _NEAR), "priming")
+        primes = np.arange(len(z)) < np.argmax(z <= lowest + _NEAR)
+    aside[primes] = _REASONS.index("priming")
     return aside
+
+
+def _choose(pieces: _Pieces, aside: NDArray[np.uint8], choice: Choice) -> None:
+    """Mark in `aside` what is asked for and what is not."""
+    if choice.roles:
+        wider = {"perimeter": ("perimeter", "outer perimeter", "overhang")}
+        roles = {name for role in choice.roles for name in wider.get(role, (role,))}
+        asked = pieces.those(lambda each: each.role in roles or "all" in roles)
+        aside[asked] = 0
+        aside[~asked & (aside == 0)] = _REASONS.index("other roles")
+    if choice.things:
+        names = {each.thing for each in pieces.stretches}
+        found = {n for n in names if n and any(fnmatch(n, thing) for thing in choice.things)}
+        if not found:
+            known = ", ".join(sorted(names - {""})) or "none"
+            raise InputError(f"object: {', '.join(choice.things)}; the file has {known}")
+        others = pieces.those(lambda each: each.thing not in found)
+        aside[others & (aside == 0)] = _REASONS.index("other objects")
 
 
 def _meets(track: Track, outline: Outline) -> Mask:
