@@ -33,7 +33,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     misses the job's tolerance in a file or breaks a machine limit there; the report and the
     pictures are written all the same, the machine files at fault only if the job says so.
     """
-    part = setting.part_of(job.part)
+    part = setting.part_of(job.part, job.pattern.road_width)
     target = setting.target_of(job.target, part)
     machines = {kind: setting.machine_of(job, kind) for kind in job.files}
     main = setting.machine_of(job, "ssl")

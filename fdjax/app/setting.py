@@ -11,9 +11,10 @@ from fdjax.formats import profile
 from fdjax.formats.profile import Machine
 from fdjax.part import curve
 from fdjax.part import part as body
-from fdjax.part.contour import circle, contour
+from fdjax.part.contour import circle, contour, contours
 from fdjax.part.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
 from fdjax.part.region import Region
+from fdjax.part.ring import JOINED, MERGED
 from fdjax.target.array import array
 from fdjax.target.image import image
 from fdjax.target.target import Target, expression
@@ -21,33 +22,53 @@ from fdjax.target.target import Target, expression
 CURVES = {"polyline": curve.polyline, "spline": curve.spline}
 
 
-def part_of(part: Part) -> body.Part:
-    """The layers that `[part]` describes, with their four sides where it says them."""
+def part_of(part: Part, road_width: float = 0.0) -> body.Part:
+    """The layers that `[part]` describes, with their four sides where it says them.
+
+    Points of a polygon nearer to each other than `JOINED` of a road (mm) are one; the notes of the
+    part's regions say so.
+    """
     holes = [_hole(hole) for hole in part.holes]
     region: Any
+    merged = max(MERGED, JOINED * road_width)
+    notes: tuple[str, ...] = ()
     if part.shape == "curves":
-        sides = (part.bottom, part.right, part.top, part.left)
-        region = from_curves(*(_side(side) for side in sides if side is not None), holes=holes)
+        region = from_curves(*_sides(part), holes=holes)
     elif part.shape == "polygon":
         source: Any = part.points if part.points is not None else part.wkt or part.file
         # Inline points are in mm already; a file and WKT are in the table's unit.
         unit = "mm" if part.points is not None else part.unit
         if part.corners is not None or part.smooth:
-            polygon = contour(contour(source, unit=unit), holes=holes)
-            region = from_polygon(polygon, corners=part.corners, smooth=part.smooth)
+            (polygon,), notes = contours(source, unit=unit, merged=merged, most=1)
+            holed = contour(polygon, holes=holes)
+            region = from_polygon(holed, corners=part.corners, smooth=part.smooth)
         else:
-            plain = Region.of(source, unit=unit)
-            region = Region.of(plain.geometry, holes=holes) if holes else plain
+            region = Region.of(source, unit=unit, merged=merged)
+            if holes:
+                notes, region = region.notes, Region.of(region.geometry, holes=holes)
     elif part.shape == "rectangle" and part.size is not None:
         region = rectangle(*part.size, holes=holes)
     else:
         top = cosine_top()
         rings = tuple(hole.exterior for hole in holes)
         region = Patch(top.bottom, top.right, top.top, top.left, rings)
-    return body.Part.plate(region, layers=part.layers, height=part.layer_height)
+    plate = body.Part.plate(region, layers=part.layers, height=part.layer_height)
+    return plate.noted(notes) if notes else plate
 
 
-def _side(side: Side) -> curve.Curve:
+def _sides(part: Part) -> list[curve.Curve]:
+    """The four curves, in the order of `from_curves`; errors name the side."""
+    made = []
+    for name in ("bottom", "right", "top", "left"):
+        side = getattr(part, name)
+        try:
+            made.append(_curve(side))
+        except InputError as fault:
+            raise InputError(f"part.{name}: {fault}") from None
+    return made
+
+
+def _curve(side: Side) -> curve.Curve:
     if side.shape == "arc":
         return curve.arc(*side.points)
     return CURVES[side.shape](side.points)

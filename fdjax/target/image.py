@@ -40,7 +40,8 @@ def image(
 
 _WIDTH, _HEIGHT, _BITS, _PHOTOMETRIC = 256, 257, 258, 262
 _DESCRIPTION, _PLANES, _KIND = 270, 284, 339
-"""TIFF tags: sides, bits of a sample, what 0 means, a text, whether colours lie apart, type of numbers."""
+"""TIFF tags: sides, bits of a sample, what 0 means; a text, whether colours lie apart, and the
+type of numbers."""
 
 
 def _load_image(path: Path) -> NDArray[np.float64]:
@@ -68,10 +69,8 @@ def _load_image(path: Path) -> NDArray[np.float64]:
         raise InputError(f"{path}: no such file") from None
     except (OSError, SyntaxError, EOFError, Image.DecompressionBombError):
         raise InputError(f"{path}: is no picture that can be read") from None
-    if not clear.all() and np.ptp(grey[~clear]) == 0:
-        raise InputError(
-            f"{path}: is of one grey, {grey[~clear][0]:.3g} of white; a number asks for that"
-        )
+    if not clear.any() and np.ptp(grey) == 0:
+        raise InputError(f"{path}: is of one grey, {grey[0, 0]:.3g} of white; a number says that")
     return np.flipud(_without(grey, clear)).T
 
 
