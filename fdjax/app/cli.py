@@ -73,7 +73,7 @@ def _measure(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, name)
         return None if value is None else length(value, f"--{name.replace('_', '-')}")
 
-    filament = arguments.filament.split(",") if arguments.filament else ()
+    filament = arguments.filament.split(",") if arguments.filament else None
     chosen = (tuple(arguments.role), tuple(arguments.object), _layers(arguments.layers))
     choice = Choice(*chosen) if any(chosen) else None
     question = measuring.Question(
@@ -86,7 +86,7 @@ def _measure(arguments: argparse.Namespace) -> None:
         shifted=arguments.shift,
         outline=arguments.outline,
         layer_height=optional_length("layer_height"),
-        filament=[length(each, "--filament") for each in filament],
+        filament=filament and [length(each, "--filament") for each in filament],
         machine=arguments.machine,
         firmware=arguments.firmware,
         choice=choice,

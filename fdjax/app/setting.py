@@ -19,7 +19,7 @@ from fdjax.target.array import array
 from fdjax.target.image import image
 from fdjax.target.target import Target, expression
 
-CURVES = {"polyline": curve.polyline, "spline": curve.spline}
+CURVES = {"polyline": curve.polyline, "spline": curve.smooth}
 
 
 def part_of(part: Part, road_width: float = 0.0) -> body.Part:

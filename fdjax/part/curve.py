@@ -105,9 +105,7 @@ def spline(points: ArrayLike, parameters: ArrayLike | None = None) -> Curve:
 
     `parameters` (n rising values) says at which s each point lies, by default at its share of the
     chord length. End conditions are "not a knot" from four points on, so cubics are reproduced;
-    natural below. Raises `InputError` for points or parameters that cannot be used, and without
-    parameters for points of which one is so near to another that the curve turns away from the
-    others there.
+    natural below. Raises `InputError` for points or parameters that cannot be used.
 
     >>> spline([(0, 0), (1, 1), (2, 0)])(0.5).tolist()
     [1.0, 1.0]
@@ -115,7 +113,6 @@ def spline(points: ArrayLike, parameters: ArrayLike | None = None) -> Curve:
     xy = as_points(points, "spline")
     if parameters is None:
         breaks = _chords(xy, "spline")
-        _check_turns(xy, _spline_slopes(breaks, xy))
     else:
         breaks = np.asarray(parameters, float)
         # written so that NaN fails too
@@ -193,14 +190,20 @@ _STEEPEST = 60.0
 """Largest angle between a spline and the longer line to a neighbour of a point of it, degrees."""
 
 
-def _check_turns(xy: Floats, slope: Floats) -> None:
-    """Raise `InputError` where a curve of these slopes leaves the lines between its points."""
+def smooth(points: ArrayLike) -> Curve:
+    """`spline(points)` of an outline that is to keep to its points.
+
+    Raises `InputError`, with the place, also where a point is so near to another that the curve
+    turns away from the others there.
+    """
+    curve = spline(points)
+    xy, slope = as_points(points, "spline"), curve.coefficients[:, 1]
     steps = np.diff(xy, axis=0)
     length = np.hypot(*steps.T)
     longer = np.where((length[1:] > length[:-1])[:, None], steps[1:], steps[:-1])
     near = np.minimum(length[1:], length[:-1])
-    cosine = (longer * slope[1:-1]).sum(1)
-    cosine /= np.hypot(*longer.T) * np.maximum(np.hypot(*slope[1:-1].T), 1e-300)
+    cosine = (longer * slope[1:]).sum(1)
+    cosine /= np.hypot(*longer.T) * np.maximum(np.hypot(*slope[1:].T), 1e-300)
     wrong = (cosine < np.cos(np.radians(_STEEPEST))) & (near < _NEAR * np.hypot(*longer.T))
     if wrong.any():
         worst = int(np.argmax(wrong))
@@ -208,6 +211,7 @@ def _check_turns(xy: Floats, slope: Floats) -> None:
             f"spline: turns away from its own points at {_at(xy[worst + 1])}, which has another "
             f"{near[worst]:.3g} mm beside it; leave one out, or draw a corner there"
         )
+    return curve
 
 
 def _hermite(breaks: Floats, xy: Floats, slope: Floats) -> Curve:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdjax.errors import InputError
-from fdjax.part.curve import Curve, arc, polyline, spline
+from fdjax.part.curve import Curve, arc, polyline, smooth, spline
 
 S = np.linspace(0, 1, 41)
 
@@ -143,11 +143,11 @@ def test_bad_parameters_and_straight_arcs_are_named() -> None:
 def test_a_spline_that_turns_away_from_its_points_is_refused_with_the_place(near, direction):
     points = np.array([(0, 0), (5, 8), (7, 18), (6, 30), (2, 40)], float)
     twice = np.insert(points, 3, points[2] + near * np.array(direction), axis=0)
-    spline(points)
+    smooth(points)
     if direction == (-1, 0) and near > 0.1:
         return  # a bend, not a loop
     with pytest.raises(InputError, match=r"turns away from its own points at \(.* mm beside it"):
-        spline(twice)
+        smooth(twice)
 
 
 def test_arcs_that_are_none_say_why():
