@@ -54,13 +54,13 @@ class _Pieces:
     """The pieces of a track, and the stretch of comments in which each lies, shape (n,)."""
 
     track: Track
-    stretch: Ints
+    stretch: NDArray[np.int32]
     stretches: Sequence[Stretch]
 
     @classmethod
     def of(cls, track: Track, comments: Comments) -> "_Pieces":
         lines = np.array([each.line for each in comments.stretches])
-        index = np.searchsorted(lines, track.line, side="right") - 1
+        index = np.searchsorted(lines, track.line, side="right").astype(np.int32) - 1
         return cls(track, index, comments.stretches)
 
     def told(self, name: str) -> NDArray:
@@ -71,11 +71,12 @@ class _Pieces:
         """The pieces whose stretch passes a test, shape (n,)."""
         return np.array([test(each) for each in self.stretches])[self.stretch]
 
-    def roles(self) -> tuple[Ints, tuple[str, ...]]:
+    def roles(self) -> tuple[NDArray[np.int32], tuple[str, ...]]:
         """Index of each piece's role, and the roles; the first is none."""
         names = ("", *sorted({each.role for each in self.stretches} - {""}))
         index = {name: number for number, name in enumerate(names)}
-        return np.array([index[each.role] for each in self.stretches])[self.stretch], names
+        codes = np.array([index[each.role] for each in self.stretches], np.int32)
+        return codes[self.stretch], names
 
     def of_those(self, chosen: Mask) -> "_Pieces":
         if chosen.all():
@@ -123,6 +124,8 @@ def layers_of(
     if rectangular:
         reading["section"] = "rectangles, as CuraEngine has them"
     width = section / heights if rectangular else road_width(section, heights)
+    role, names = pieces.roles()
+    layer = pieces.told("layer")
     chosen = choice.layers or (1, len(tops))
     if chosen[0] > len(tops):
         raise InputError(f"layers: {chosen[0]}:{chosen[1]}; the part has {len(tops)}")
@@ -133,7 +136,18 @@ def layers_of(
             continue
         high = float(thickness[number])
         plain = not rectangular and np.allclose(heights[own], high, rtol=1e-9)
-        roads = _roads(pieces, own, width[own], None if plain else section[own])
+        roads = flat_roads(
+            pieces.track.start[own, :2],
+            pieces.track.end[own, :2],
+            np.stack(
+                [each[own] for each in (pieces.track.road, role, layer, pieces.track.tool)], 1
+            ),
+            width[own],
+            None if plain else section[own],
+            pieces.track.tool[own],
+            role[own],
+            names,
+        )
         layers.append(Layer(float(tops[number]), high, roads, outline))
     if not layers:
         raise InputError(f"layers: {chosen[0]}:{chosen[1]}; they hold nothing that is asked for")
@@ -311,18 +325,6 @@ def _likelier(section: Floats, first: Floats, second: Floats, width: Floats) -> 
     sure = wide[~disputed]
     like = np.where(width > 0, width, np.median(sure) if len(sure) else wide)
     return np.where(disputed & (np.abs(other - like) < np.abs(wide - like)), second, first)
-
-
-def _roads(pieces: _Pieces, own: Ints, width: Floats, section: Floats | None) -> Roads:
-    """The pieces of one layer as roads: they go on where one begins where the last ended."""
-    track = pieces.track
-    role, names = pieces.roles()
-    role = role[own]
-    material = track.tool[own]
-    marks = np.stack([track.road[own], role, pieces.told("layer")[own], material], 1)
-    return flat_roads(
-        track.start[own, :2], track.end[own, :2], marks, width, section, material, role, names
-    )
 
 
 def flat_roads(

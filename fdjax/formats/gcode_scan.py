@@ -10,18 +10,13 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 
-_BLOCK = 1 << 20
+_BLOCK = 1 << 19
 """Bytes looked at together: some forty arrays of them are alive at once."""
 _LONGEST = 15
 """Digits whose whole number a double holds exactly, so that dividing by ten rounds as `float`."""
 LETTERS = b"XYZEF"
 
-_NUMBER, _BLANK, _LETTER, _OTHER = range(4)
-_CLASS = np.full(256, _OTHER, np.uint8)
-_CLASS[list(b"0123456789.-")] = _NUMBER
-_CLASS[32] = _BLANK
-_CLASS[list(LETTERS)] = _LETTER
-_CODE = np.zeros(256, np.uint8)
+_CODE = np.full(256, len(LETTERS), np.uint8)
 _CODE[list(LETTERS)] = np.arange(len(LETTERS))
 _POWERS = 10.0 ** np.arange(_LONGEST + 1)
 
@@ -84,8 +79,7 @@ def _block(data: bytes, first: int) -> Block:
     read = moves | resets
     inner = start + np.where(resets, 3, 2)
     stop = _contents(array, start, end)
-    kinds = _CLASS[array]
-    plain, words = _words(array, kinds, read, start, inner, stop)
+    plain, words = _words(array, read, start, inner, stop)
     only_e = plain & resets & np.isfinite(words[:, 3]) & np.isnan(words[:, [0, 1, 2, 4]]).all(1)
     plain &= moves
     others = ~(plain | only_e | comments)
@@ -107,35 +101,31 @@ def _contents(array: NDArray[np.uint8], start: Ints, end: Ints) -> Ints:
 
 
 def _words(
-    array: NDArray[np.uint8],
-    kinds: NDArray[np.uint8],
-    read: Mask,
-    start: Ints,
-    inner: Ints,
-    stop: Ints,
+    array: NDArray[np.uint8], read: Mask, start: Ints, inner: Ints, stop: Ints
 ) -> tuple[Mask, Floats]:
     """Which of the lines to read hold nothing but plain words, and the words."""
-    count = len(start)
-    words = np.full((count, len(LETTERS)), np.nan)
-    others = np.concatenate([[0], np.cumsum(kinds == _OTHER, dtype=np.int32)])
-    good = read & (others[stop] == others[np.minimum(inner, stop)])
-    letters = np.flatnonzero(kinds == _LETTER)
-    line = np.searchsorted(start, letters, side="right") - 1
-    own = good[line] & (letters >= inner[line]) & (letters < stop[line])
+    count, kinds = len(start), len(LETTERS)
+    words = np.full((count, kinds), np.nan)
+    codes = _CODE[array]
+    letters = np.flatnonzero(codes < kinds)
+    each = np.diff(np.searchsorted(letters, np.append(start, len(array))))
+    line = np.repeat(np.arange(count, dtype=np.int32), each)
+    own = read[line] & (letters < stop[line])
     letters, line = letters[own], line[own]
-    blanks = np.flatnonzero(kinds == _BLANK)
     if not len(letters):
-        return good & False, words
-    after = np.append(blanks, len(array))[np.searchsorted(blanks, letters)]
-    length = np.minimum(after, stop[line]) - letters - 1
-    value, sound = _numbers(array, letters + 1, length)
+        return np.zeros(count, bool), words
+    # Blanks stand where the words must, before each letter: so each ends before the next.
+    follows = line[1:] == line[:-1]
+    end = stop[line]
+    end[:-1][follows] = letters[1:][follows] - 1
+    value, sound = _numbers(array, letters + 1, end - letters - 1)
     sound &= array[letters - 1] == 32
+    head = np.append(True, ~follows)
+    sound[head] &= letters[head] == inner[line[head]] + 1
+    code = codes[letters]
+    once = np.bincount(line * kinds + code, minlength=count * kinds).reshape(count, kinds)
+    good = once.max(1) == 1
     good[line[~sound]] = False
-    code = _CODE[array[letters]]
-    once = np.bincount(line * len(LETTERS) + code, minlength=count * len(LETTERS))
-    once = once.reshape(count, len(LETTERS))
-    gaps = np.searchsorted(blanks, stop) - np.searchsorted(blanks, inner)
-    good &= (once.max(1) == 1) & (gaps == once.sum(1))
     words[line, code] = value
     words[~good] = np.nan
     return good, words
@@ -144,24 +134,23 @@ def _words(
 def _numbers(array: NDArray[np.uint8], at: Ints, length: Ints) -> tuple[Floats, Mask]:
     """The numbers of these lengths, and which are numbers; exactly as `float` reads them."""
     sound = (length > 0) & (length <= _LONGEST)
-    length = np.where(sound, length, 0)
-    value = np.zeros(len(at))
-    point = length.copy()
-    points = np.zeros(len(at), np.uint8)
-    digits = np.zeros(len(at), np.uint8)
+    size = np.where(sound, length, 0).astype(np.int8)
     negative = sound & (array[at] == ord("-"))
-    for place in range(int(length.max(initial=0))):
+    value = np.zeros(len(at))
+    point = size.copy()
+    digits, points = np.zeros((2, len(at)), np.int8)
+    for place in range(int(size.max(initial=0))):
         sign = array[at + place]
-        within = place < length
-        digit = within & (sign >= 48) & (sign <= 57)
-        value = np.where(digit, value * 10 + (sign - 48.0), value)
+        within = place < size
+        digit = (sign - 48 < 10) & within  # in bytes, where what is less than 0 is large
+        np.multiply(value, 10, out=value, where=digit)
+        np.add(value, sign - 48.0, out=value, where=digit)
         digits += digit
-        dot = within & (sign == ord("."))
+        dot = (sign == ord(".")) & within
         points += dot
-        point = np.where(dot, place + 1, point)
-        if place:
-            sound &= ~(within & (sign == ord("-")))
+        point[dot] = place + 1
     # A point at the end is no number for the interpreter's plain lines; leave it to the others.
-    sound &= (digits > 0) & (points <= 1) & ~((points == 1) & (point == length))
-    value /= _POWERS[np.clip(length - point, 0, _LONGEST)]
+    sound &= (digits > 0) & (points <= 1) & ~((points == 1) & (point == size))
+    sound &= digits + points + negative == size
+    value /= _POWERS[size - point]
     return np.where(negative, -value, value), sound

@@ -74,7 +74,8 @@ class _Tracker:
     disputed: bool = False
     unknown: dict[str, int] = field(default_factory=dict)
     rows: list[tuple[float, ...]] = field(default_factory=list)
-    parts: dict[str, list[NDArray]] = field(default_factory=lambda: {n: [] for n, _ in _COLUMNS})
+    columns: dict[str, NDArray] = field(default_factory=dict)
+    size: int = 0
     counts: Counter[str] = field(default_factory=Counter)
     by_word: bool = False  # whether M82 and M83 alone make E relative
     by_last: bool = False  # and if G90 and G91 do so too
@@ -279,14 +280,23 @@ class _Tracker:
             self._keep((table[:, :3], table[:, 3:6], table[:, 6], *numbers))
 
     def _keep(self, values: tuple[NDArray, ...]) -> None:
-        for (name, width), value in zip(_COLUMNS, values, strict=True):
-            self.parts[name].append(value if width else value.astype(np.int32))
+        begin, self.size = self.size, self.size + len(values[-1])
+        if self.size > len(self.columns["line"]):
+            self.reserve(2 * self.size)
+        for name, value in zip(COLUMNS, values, strict=True):
+            self.columns[name][begin : self.size] = value
+
+    def reserve(self, count: int) -> None:
+        """Make room for so many pieces; what is not used takes no memory."""
+        for name, width in _COLUMNS:
+            shape = (count, 3) if width == 3 else (count,)
+            room = np.empty(shape, float if width else np.int32)
+            old = self.columns.get(name, room[:0])
+            room[: len(old)] = old
+            self.columns[name] = room
 
     def result(self) -> Track:
-        columns = {}
-        for name, width in _COLUMNS:
-            empty = np.zeros((0, 3) if width == 3 else 0, float if width else np.int32)
-            columns[name] = np.concatenate([empty, *self.parts.pop(name)])
+        columns = {name: column[: self.size] for name, column in self.columns.items()}
         counted = max(self.counts["e"], 1)
         return Track(
             **columns,
@@ -315,6 +325,7 @@ def track(
     Raises `InputError`, with the line, for what the state cannot follow.
     """
     tracker = _Tracker(state, comment, thing, keeps_short, tool=state.tool)
+    tracker.reserve(data.count(b"\n") + 1)
     number = 0
     try:
         for block in blocks(data):
