@@ -198,14 +198,15 @@ def _choose(pieces: _Pieces, aside: NDArray[np.uint8], choice: Choice) -> None:
 def _meets(track: Track, outline: Outline) -> Mask:
     """Which pieces belong to a road that comes into the outline somewhere."""
     shapely.prepare(outline)
-    a, b = track.start, track.end
-    inside = shapely.intersects_xy(outline, a[:, 0], a[:, 1])
-    inside |= shapely.intersects_xy(outline, b[:, 0], b[:, 1])
-    far = np.flatnonzero(~inside)
-    lines = shapely.linestrings(np.stack([a[far, :2], b[far, :2]], 1))
-    inside[far] = shapely.intersects(outline, lines)
-    _, road = np.unique(track.road, return_inverse=True)
-    return np.bincount(road, inside)[road] > 0
+    first = np.flatnonzero(np.diff(track.road, prepend=-1))
+    number = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(track.road))))
+    begins = track.start[first]
+    inside = shapely.intersects_xy(outline, begins[:, 0], begins[:, 1])
+    # Of roads that begin outside each piece is looked at.
+    rest = np.flatnonzero(~inside[number])
+    lines = shapely.linestrings(np.stack([track.start[rest, :2], track.end[rest, :2]], 1))
+    inside[number[rest[shapely.intersects(outline, lines)]]] = True
+    return inside[number]
 
 
 def _left_out(pieces: _Pieces, aside: NDArray[np.uint8]) -> dict[str, str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -172,7 +173,7 @@ class Layer:
             # The grid of one geometry would rule whatever is done with another.
             object.__setattr__(self, "outline", set_precision(outline, 0))
 
-    @property
+    @cached_property
     def volume(self) -> float:
         """Deposited volume, mm^3; what overlaps counts twice."""
         roads = self.roads
