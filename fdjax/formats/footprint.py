@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 
 from fdjax.errors import InputError
+from fdjax.part.corners import smallest_rectangle
 from fdjax.plan.segments import Segments
 from fdjax.plan.toolpath import Build, Layer, Outline, Roads
 
@@ -135,9 +136,10 @@ def _footprint(build: Build) -> tuple[Outline, float]:
         Polygon(points[offsets[0] : offsets[1]], _holes(points, offsets))
         for points, offsets in zip(*lines.filled(0.5, np.inf), strict=True)
     ]
-    closed = shapely.union_all(shapely.buffer(covered, reach))
-    closed = closed.buffer(-reach + width / 2 - cell / 2)
-    filled = _polygons(closed)
+    closed = shapely.buffer(shapely.union_all(shapely.buffer(covered, reach)), -reach)
+    if reach > 2 * width:
+        closed = _squared(closed, reach)
+    filled = _polygons(shapely.buffer(closed, width / 2 - cell / 2, join_style="mitre"))
     if filled is None:
         raise InputError("the roads lie too far apart to tell what they fill; name the outline")
     parts = [
@@ -145,6 +147,12 @@ def _footprint(build: Build) -> tuple[Outline, float]:
         for part in shapely.get_parts(filled)
     ]
     return _polygons(MultiPolygon(parts)) or filled, 2 * reach
+
+
+def _squared(closed: shapely.Geometry, reach: float) -> shapely.Geometry:
+    """What sparse roads cover, or the rectangle round it where no more than its corners lack."""
+    rectangle = Polygon(smallest_rectangle(shapely.get_coordinates(closed)))
+    return rectangle if shapely.hausdorff_distance(closed, rectangle) < 1.5 * reach else closed
 
 
 def _segments(build: Build) -> Iterable[Segments]:
