@@ -90,12 +90,21 @@ def _measure(arguments: argparse.Namespace) -> None:
         machine=arguments.machine,
         firmware=arguments.firmware,
         choice=choice,
+        tolerance=arguments.tolerance,
     )
     answer = measuring.answer(arguments.file, question)
     answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"))
     if arguments.json is not None:
         answer.write_json(arguments.json)
     print(answer.table())
+
+
+def _share(text: str) -> float:
+    """A number over 0 and up to 1."""
+    value = float(text)
+    if not 0 < value <= 1:
+        raise ValueError
+    return value
 
 
 def _layers(text: str | None) -> tuple[int, int] | None:
@@ -223,6 +232,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--object", action="append", default=[], metavar="NAME", help=things)
     add("--layers", metavar="A:B", help="measure these layers alone, counted from 1")
     add("--machine", metavar="NAME|FILE", help="machine profile instead of what the file says")
+    scale = "error at which the picture's colours end (default 0.02)"
+    add("--tolerance", type=_share, default=0.02, metavar="SHARE", help=scale)
     place = "where the picture goes (default FILE's name with _porosity.png, here)"
     add("--picture", type=Path, metavar="PNG", help=place)
     add("--json", type=Path, metavar="FILE", help="write all numbers to this file")

@@ -34,7 +34,7 @@ class Question:
       where there is none, that of the outermost perimeters or the footprint of the roads.
     - `layer_height`: mm; `filament`: mm, one or one a tool; `machine`: a profile's name or file;
       `firmware`: whose reading of G-code holds.
-    - `choice`: which roads of the file.
+    - `choice`: which roads of the file; `tolerance`: error at which the picture's scale ends.
     """
 
     target: str
@@ -50,6 +50,7 @@ class Question:
     machine: str | None = None
     firmware: str | None = None
     choice: Choice | None = None
+    tolerance: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +138,7 @@ class Answer:
             outline=self.outline,
             title=self.path.name,
             weights=self.measurement.area,
+            tolerance=self.question.tolerance,
         )
         figures.save(figure, path)
 

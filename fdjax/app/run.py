@@ -195,5 +195,6 @@ def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) ->
         outline=outline,
         title=first.path.name,
         weights=first.measurement.area,
+        tolerance=job.target.tolerance,
     )
     figures.save(figure, folder / "porosity.png")
