@@ -38,6 +38,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     machines = {kind: setting.machine_of(job, kind) for kind in job.files}
     main = setting.machine_of(job, "ssl")
     setting.check_fits(job, part, main)
+    setting.check_lines(job, part, target, main)
     narrow = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""

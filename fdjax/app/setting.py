@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+import shapely
 from shapely import Polygon
 
 from fdjax.app.config import Job, TargetSource
@@ -12,9 +14,11 @@ from fdjax.formats.profile import Machine
 from fdjax.part import curve
 from fdjax.part import part as body
 from fdjax.part.contour import circle, contour, contours
+from fdjax.part.corners import smallest_rectangle
 from fdjax.part.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
 from fdjax.part.region import Region
 from fdjax.part.ring import JOINED, MERGED
+from fdjax.road.bead import section_area
 from fdjax.target.array import array
 from fdjax.target.image import image
 from fdjax.target.target import Target, expression
@@ -125,6 +129,30 @@ def check_fits(job: Job, part: body.Part, machine: Machine) -> None:
         low, high = getattr(machine, name)
         if not low <= value <= high:
             raise InputError(f"{name}: {value:g} mm; {machine.name} lays {low:g} to {high:g} mm")
+
+
+def check_lines(job: Job, part: body.Part, target: Target, machine: Machine) -> None:
+    """Raise `InputError` where the target asks for less than one line in a layer."""
+    region = part.slabs[0].region
+    xy = shapely.get_coordinates(region.geometry.segmentize(max(region.area**0.5 / 20, 1e-6)))
+    inside = np.array(shapely.point_on_surface(region.geometry).coords[0])
+    xy = np.concatenate([xy, (xy + inside) / 2])
+    xy = xy[shapely.intersects_xy(region.geometry, xy)]
+    solid = float(np.max(target.solid(xy[:, 0], xy[:, 1], part.slabs[0].height / 2)))
+    height, wide = job.part.layer_height, job.pattern.road_width
+    if job.pattern.width_is_free:
+        wide = min(wide, machine.road_width[0])
+    corners = smallest_rectangle(shapely.get_coordinates(region.geometry))
+    across = float(min(np.hypot(*(corners[1] - corners[0])), np.hypot(*(corners[2] - corners[1]))))
+    families = 2 if job.pattern.mode.startswith("both") else 1
+    per_length = float(section_area(wide, height)) * families / height
+    if solid * across < per_length:
+        raise InputError(
+            f"target: at most {solid:.3g} solid is asked for, which is a road of {wide:g} mm every "
+            f"{per_length / max(solid, 1e-9):.3g} mm of a layer, and the part is {across:.3g} mm "
+            f"wide: less than one line; {per_length / across:.2g} solid or more would do, or a "
+            "narrower pattern.road_width"
+        )
 
 
 def narrow_places(part: body.Part, road_width: float) -> list[str]:
