@@ -22,6 +22,8 @@ from fdjax.road.bead import road_width
 
 _SAME = 0.02
 """Share by which two heights may differ and still be one."""
+_THINNEST = 0.5
+"""Least width of a road as a share of its layer's height, where nothing but Z tells that."""
 _NEAR = 1e-4
 """mm; deposits nearer in Z than this lie in one layer."""
 
@@ -305,6 +307,11 @@ def _from_gaps(
             guess = float(np.sqrt(np.median(section) / 2))
             said = f"not told: roads taken to be twice as wide as high ({guess:.3g} mm)"
             return np.full(len(tops), guess), second, (said,)
+        if np.median(section) < np.pi / 4 * (_THINNEST * tops[0]) ** 2:
+            raise InputError(
+                f"deposits at Z = {tops[0]:g} mm alone are too thin for a layer of that height; "
+                "give the layer height"
+            )
         return tops.copy(), second, ("Z above the bed",)
     first[np.isnan(first)] = typical
     # A first layer up to twice as high as the others is one; above that it lies on a board.

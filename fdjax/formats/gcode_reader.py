@@ -78,6 +78,12 @@ def read(
         raise InputError(
             "G-code: the file does not say the filament's diameter; give it (often 1.75 mm)"
         )
+    tools = int(found.tool.max(initial=0)) + 1
+    if 1 < len(followed.diameters) < tools:
+        raise InputError(
+            f"G-code: tool {tools - 1} deposits, and {len(followed.diameters)} filament diameters "
+            "are told, for the tools from 0 on"
+        )
     reading = dict(followed.reading)
     if marks.layers:
         layers = _marked_layers(found, marks, layer_height, outline)
@@ -157,6 +163,7 @@ class _Followed:
             comment=self._comment,
             thing=self.comments.thing,
             keeps_short=lambda: self.marks.facts.get("version") is not None,
+            behind=self.comments.behind if self._settings.slicer == "Slic3r" else None,
         )
 
     def _comment(self, line: int, text: str) -> None:

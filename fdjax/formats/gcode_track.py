@@ -22,6 +22,10 @@ _HARMLESS = re.compile(
 )
 """Commands that change nothing on which a deposit depends."""
 _KNOWN = re.compile(r"[GT]\d+(?:\.\d+)?$|M\d{1,3}(?:\.\d+)?$|\$H$|SET_|EXCLUDE_OBJECT|TIMELAPSE_")
+_NAMED = re.compile(r"(?:M98|M206|M218|G12|SET_GCODE_OFFSET)$")
+"""What runs another file or puts nozzles elsewhere, which is told to the user."""
+_TELLING = re.compile(r"[0-9{}\[\]#=]")
+"""In a line that is no command: it may have been one, or be a program's."""
 _OBJECT = re.compile(r"EXCLUDE_OBJECT_(START|END)(?:.*NAME=(\S+))?|M486 S(-?\d+)", re.IGNORECASE)
 
 
@@ -64,6 +68,7 @@ class _Tracker:
     comment: Callable[[int, str], None]
     thing: Callable[[int, str], None]
     keeps_short: Callable[[], bool]
+    behind: Callable[[int, str], None] | None
     owed: float = 0.0  # of material, mm^3, pulled back and not yet returned
     owings: dict[int, float] = field(default_factory=dict)  # of tools that are not in use
     tool: int = 0
@@ -84,11 +89,17 @@ class _Tracker:
     def take(self, block: Block) -> None:
         """Take the lines of a block."""
         motions = np.flatnonzero(block.plain | block.resets)
-        for index in np.flatnonzero(block.comments | block.others).tolist():
+        spoken = block.comments | block.others
+        if self.behind is not None:
+            spoken |= block.plain
+        for index in np.flatnonzero(spoken).tolist():
             text = block.text(index)
             self.line = block.first + index
             if text[:1] == ";":
                 self.comment(self.line, text)
+            elif block.plain[index]:
+                if self.behind is not None and ";" in text:
+                    self.behind(self.line, text[text.index(";") :])
             elif match := _OBJECT.match(text):
                 name = match[2] or match[3] or ""
                 self.thing(self.line, "" if name.startswith("-") else name)
@@ -115,8 +126,10 @@ class _Tracker:
         try:
             moves = state.run(code)
         except NoCommand:
-            if any(letter.isdigit() for letter in code):
+            if _TELLING.search(code):
                 raise
+            if code == "%":
+                return
             self.unknown.setdefault(code[:20], self.line)
             return
         name = command_of(code)[0]
@@ -124,7 +137,7 @@ class _Tracker:
             self.by_word = self.by_last = name == "M83"
         elif name in ("G90", "G91"):
             self.by_last = name == "G91"
-        elif not _KNOWN.match(name) and not moves and name[:1].isalpha() and len(name) > 1:
+        elif name and not moves and (_NAMED.match(name) or not _KNOWN.match(name)):
             self.unknown.setdefault(name[:30], self.line)
         if state.tool != self.tool:
             self.road += 1
@@ -317,14 +330,15 @@ def track(
     comment: Callable[[int, str], None],
     thing: Callable[[int, str], None],
     keeps_short: Callable[[], bool],
+    behind: Callable[[int, str], None] | None = None,
 ) -> Track:
     """Run a file on a state. Does what the state's own `run` does, line by line.
 
     `comment` takes number and text of each comment line, `thing` number and name where a command
-    begins an object. `keeps_short` says whether a move whose E is rounded to nothing is laid.
+    begins an object, `behind` comments behind plain motion. `keeps_short` says whether a move whose E is rounded to nothing is laid.
     Raises `InputError`, with the line, for what the state cannot follow.
     """
-    tracker = _Tracker(state, comment, thing, keeps_short, tool=state.tool)
+    tracker = _Tracker(state, comment, thing, keeps_short, behind, tool=state.tool)
     tracker.reserve(data.count(b"\n") + 1)
     number = 0
     try:

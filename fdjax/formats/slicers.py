@@ -46,6 +46,7 @@ _NUMBER = r"(\d+\.?\d*|\.\d+)"
 _HEIGHT = re.compile(rf"(?:LAYER_)?HEIGHT: *{_NUMBER}$|tool H{_NUMBER}|.*z_thickness={_NUMBER}")
 _WIDTH = re.compile(rf"(?:LINE_)?WIDTH: *{_NUMBER}$|tool H\S+ W{_NUMBER}")
 _ROLE = re.compile(r"(?:TYPE:|FEATURE:|segType:|feature )\s*(.+)$|'([^']+)'", re.IGNORECASE)
+_NEXT_LAYER = re.compile(r"move to next layer \(\d+\)")
 _OBJECT = re.compile(r"printing object[ ,]+(.+)|MESH:(.+)", re.IGNORECASE)
 
 
@@ -108,6 +109,15 @@ class Comments:
             self._begun = line
         if now:
             self._add(line, now)
+
+    def behind(self, line: int, text: str) -> None:
+        """Take a comment, semicolon included, that stands behind a command, as Slic3r's do."""
+        body = text[1:].strip()
+        role = ROLE_OF.get(_plain(body))
+        if _NEXT_LAYER.match(body):
+            self._add(line, {"layer": self.stretches[-1].layer + 1})
+        elif role is not None and role != self.stretches[-1].role:
+            self._add(line, {"role": role})
 
     def thing(self, line: int, name: str) -> None:
         """The object that a command of this line begins, or "" where it ends one."""

@@ -7,6 +7,8 @@ from fdjax.gcode.record import Record
 
 Words = Mapping[str, float]
 
+_ELSEWHERE = "moves the zero of coordinates to where the file does not say"
+
 
 def _heat(record: Record, words: Words) -> None:
     if "S" in words or "R" in words:
@@ -16,6 +18,8 @@ def _heat(record: Record, words: Words) -> None:
 
 def _heat_tool(record: Record, words: Words) -> None:
     """G10 and M568 of RepRapFirmware; without P, G10 is a retraction."""
+    if "L" in words:
+        raise InputError(f"G10 with L{words['L']:g} {_ELSEWHERE}")
     if "P" in words:
         _heat(record, {**words, "T": words["P"]})
     else:
@@ -156,11 +160,11 @@ SETTERS: dict[str, Callable[[Record, Words], None]] = {
     **dict.fromkeys(("G11", "G27", "G29", "G30", "G38", "M600", "M701", "M702"), _lose),
 }
 
-_ELSEWHERE = "moves the zero of coordinates to where the file does not say"
 _PROGRAM = "is part of a program, which only its own firmware can run"
 UNFOLLOWED = {
     **dict.fromkeys(("G52", "G55", "G56", "G57", "G58", "G59"), _ELSEWHERE),
-    **dict.fromkeys(("G59.1", "G59.2", "G59.3", "RESTORE_GCODE_STATE"), _ELSEWHERE),
+    **dict.fromkeys(("G59.1", "G59.2", "G59.3", "G53"), _ELSEWHERE),
+    "RESTORE_GCODE_STATE": "brings back modes and places that are not followed",
     **dict.fromkeys(("WHILE", "IF", "ELIF", "ELSE", "VAR", "GLOBAL", "SET", "BREAK"), _PROGRAM),
     "G5.1": "is a spline that cannot be followed",
     "G6": "moves motors by steps that the file does not hold",

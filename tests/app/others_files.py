@@ -143,6 +143,9 @@ CASES = [
     Case("blocks_motion", mat(line="G90 G1"), "G1 stands behind G90"),
     Case("blocks_motion_rrf", mat(line="G90 G1"), 0.9, ("--firmware", "rrf")),
     Case("blocks_motion_grbl", mat(line="G90 G1"), 0.9, ("--firmware", "grbl")),
+    Case("loop_of_a_template", mat(mode="M83\n{% for i in range(3) %}\n"), "'{% for i in range"),
+    Case("place_of_the_machine", mat(line="G53 G1"), "G53 moves"),
+    Case("zero_elsewhere", mat(mode="M83\nG10 L2 P1 X5\n"), "line 9: G10 with L2"),
     Case("exponent", mat(push=lambda n: f"E{E:.4e}"), "has an exponent"),
     Case("exponent_of_x", mat().replace("X60 Y46", "X6e1 Y46"), "has an exponent"),
     Case("axis_a", mat(push=lambda n: f"A{E:.5f}"), "moves an axis that is not known"),
@@ -158,6 +161,8 @@ CASES = [
     Case("raised_board", mat(heights=BOARD), 0.9),
     Case("lowered", mat(heights=(0.15, 0.35)), 0.9),
     Case("raised_far", mat(heights=(5.2, 5.4)), 0.9),
+    Case("raised_alone", mat(heights=(5.2,)), "give the layer height"),
+    Case("raised_alone_told", mat(heights=(5.2,)), 0.9, ("--layer-height", "0.2")),
     Case("first_layer_higher", mat(heights=(0.3, 0.5)), 1 - 16 / 200),
     Case("prime_s3d", mat(mode="M83\n" + PRIME, before=layered("; layer {1}, Z = {z:.3f}")), 0.9),
     Case("prime_bambu", mat(mode="M83\n" + PRIME, before=layered(
@@ -181,6 +186,8 @@ CASES = [
     Case("filament_kisslicer", mat(start="; fiber_dia_mm = 1.75\n" + HEAT), 0.9, (), None),
     Case("filament_of_two", mat(before=lambda n: f"T{n}\n"), 1 - (8 + 8 * (2.85 / 1.75) ** 2) / 160,
          (), "1.75,2.85"),
+    Case("filament_of_a_third", mat(before=lambda n: f"T{2 * n}\n"),
+         "tool 2 deposits, and 2 filament diameters", (), "1.75,2.85"),
     Case("filament_unknown", mat(), "does not say the filament's diameter", (), None),
     # Pauses and messages.
     Case("pause_m0", mat(after=lambda n: "M0 Insert the nuts\n"), 0.9),
