@@ -335,7 +335,8 @@ def track(
     """Run a file on a state. Does what the state's own `run` does, line by line.
 
     `comment` takes number and text of each comment line, `thing` number and name where a command
-    begins an object, `behind` comments behind plain motion. `keeps_short` says whether a move whose E is rounded to nothing is laid.
+    begins an object, `behind` those of comments behind plain motion. `keeps_short` says whether a
+    move whose E is rounded to nothing is laid.
     Raises `InputError`, with the line, for what the state cannot follow.
     """
     tracker = _Tracker(state, comment, thing, keeps_short, behind, tool=state.tool)
