@@ -6,7 +6,7 @@ road a width like the other roads'.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fnmatch import fnmatch
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fdjax.errors import InputError
 from fdjax.formats.gcode_scan import Floats, Ints, Mask
-from fdjax.formats.gcode_track import COLUMNS, Track
+from fdjax.formats.gcode_track import Track
 from fdjax.formats.slicers import ASIDE, ROLES, Comments, Settings, Stretch
 from fdjax.plan.toolpath import Layer, Outline, Roads
 from fdjax.road.bead import road_width
@@ -52,39 +52,71 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pieces:
-    """The pieces of a track, and the stretch of comments in which each lies, shape (n,)."""
+class _Runs:
+    """Runs of pieces of a track: of one road, and of one stretch between comments.
+
+    - `first`: index of each run's first piece, and the number of pieces, shape (runs + 1,).
+    - `stretch`: index in `stretches` of each run's, shape (runs,).
+    """
 
     track: Track
-    stretch: NDArray[np.int32]
+    first: Ints
+    stretch: Ints
     stretches: Sequence[Stretch]
 
     @classmethod
-    def of(cls, track: Track, comments: Comments) -> "_Pieces":
+    def of(cls, track: Track, comments: Comments) -> "_Runs":
         lines = np.array([each.line for each in comments.stretches])
-        index = np.searchsorted(lines, track.line, side="right").astype(np.int32) - 1
-        return cls(track, index, comments.stretches)
+        stretch = np.searchsorted(lines, track.line, side="right") - 1
+        begins = np.diff(track.road, prepend=-1) != 0
+        begins[1:] |= stretch[1:] != stretch[:-1]
+        # Where Z moves each piece may be of another layer.
+        begins |= (np.abs(track.start[:, 2] - track.end[:, 2]) > _NEAR).any()
+        first = np.flatnonzero(begins)
+        return cls(track, np.append(first, len(begins)), stretch[first], comments.stretches)
 
     def told(self, name: str) -> NDArray:
-        """What comments say of each piece: a number of `Stretch`, shape (n,)."""
+        """What comments say of each run: a number of `Stretch`, shape (runs,)."""
         return np.array([getattr(each, name) for each in self.stretches])[self.stretch]
 
     def those(self, test: Callable[[Stretch], bool]) -> Mask:
-        """The pieces whose stretch passes a test, shape (n,)."""
+        """The runs whose stretch passes a test, shape (runs,)."""
         return np.array([test(each) for each in self.stretches])[self.stretch]
 
-    def roles(self) -> tuple[NDArray[np.int32], tuple[str, ...]]:
-        """Index of each piece's role, and the roles; the first is none."""
+    def roles(self) -> tuple[Ints, tuple[str, ...]]:
+        """Index of each run's role, and the roles; the first is none."""
         names = ("", *sorted({each.role for each in self.stretches} - {""}))
         index = {name: number for number, name in enumerate(names)}
-        codes = np.array([index[each.role] for each in self.stretches], np.int32)
-        return codes[self.stretch], names
+        return np.array([index[each.role] for each in self.stretches])[self.stretch], names
 
-    def of_those(self, chosen: Mask) -> "_Pieces":
-        if chosen.all():
-            return self
-        own = {name: getattr(self.track, name)[chosen] for name in COLUMNS}
-        return replace(self, track=replace(self.track, **own), stretch=self.stretch[chosen])
+    @property
+    def volume(self) -> Floats:
+        """Of each run, mm^3."""
+        return np.add.reduceat(self.track.volume, self.first[:-1])
+
+    @property
+    def section(self) -> Floats:
+        """Mean section of each run, mm^2."""
+        return self.volume / np.add.reduceat(self.track.length(slice(None)), self.first[:-1])
+
+    @property
+    def z(self) -> tuple[Floats, Floats]:
+        """Where each run begins and ends, mm above what the file calls 0."""
+        track = self.track
+        start, end = track.start[self.first[:-1], 2], track.end[self.first[1:] - 1, 2]
+        return start - track.base, end - track.base
+
+    def pieces(self, runs: Ints) -> slice | Ints:
+        """Indices of the pieces of some runs, in order."""
+        if len(runs) == runs[-1] - runs[0] + 1:
+            return slice(int(self.first[runs[0]]), int(self.first[runs[-1] + 1]))
+        first = self.first[runs]
+        count = self.first[runs + 1] - first
+        return np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
+
+    def of_those(self, runs: Ints, values: NDArray) -> NDArray:
+        """Values of runs, repeated for each of their pieces."""
+        return np.repeat(values[runs], self.first[runs + 1] - self.first[runs])
 
 
 def layers_of(
@@ -101,125 +133,135 @@ def layers_of(
     `layer_height` (mm) and `outline` replace what the file says. Raises `InputError` where nothing
     is left, where layers are sloping and no pitch is told, or where a height cannot be told.
     """
-    reading: dict[str, str] = {}
-    pieces = _Pieces.of(track, comments)
-    aside = _aside(pieces, comments, outline)
+    runs = _Runs.of(track, comments)
+    aside = _aside(runs, comments, outline)
     part = aside == 0
-    _choose(pieces, aside, choice)
-    reading |= _left_out(pieces, aside)
-    if (aside > 0).all():
+    _choose(runs, aside, choice)
+    asked = aside == 0
+    reading = _left_out(runs, aside)
+    if not asked.any():
         said = reading.get("left out", "nothing is deposited")
         raise InputError(f"G-code: nothing is left of the part: {said}")
     # Layers and heights are the part's, whatever is asked for of it.
-    layered = part | (aside == 0)
-    asked = aside[layered] == 0
-    pieces = pieces.of_those(layered)
-    key, tops = _layer_keys(pieces, comments, layer_height)
-    heights, thickness, said = _heights(pieces, key, tops, settings, layer_height)
-    reading["heights"] = said
-    order = np.argsort(key, kind="stable")
-    order = order[asked[order]]
-    ends = np.searchsorted(key[order], np.arange(len(tops) + 1))
-    length = np.hypot(*(pieces.track.end - pieces.track.start)[:, :2].T)
-    section = pieces.track.volume / length
+    layered = np.flatnonzero(part | asked)
+    key = np.full(len(part), -1)
+    key[layered], tops = _layer_keys(runs, layered, comments, layer_height)
+    heights = np.full(len(part), np.nan)
+    heights[layered], thickness, reading["heights"] = _heights(
+        runs, layered, key[layered], tops, settings, layer_height
+    )
     rectangular = settings.slicer.startswith("Cura")
     if rectangular:
         reading["section"] = "rectangles, as CuraEngine has them"
-    width = section / heights if rectangular else road_width(section, heights)
-    role, names = pieces.roles()
-    layer = pieces.told("layer")
-    chosen = choice.layers or (1, len(tops))
-    if chosen[0] > len(tops):
-        raise InputError(f"layers: {chosen[0]}:{chosen[1]}; the part has {len(tops)}")
+    first, last = choice.layers or (1, len(tops))
+    if first > len(tops):
+        raise InputError(f"layers: {first}:{last}; the part has {len(tops)}")
+    order = np.flatnonzero(asked)
+    order = order[np.argsort(key[order], kind="stable")]
+    ends = np.searchsorted(key[order], np.arange(len(tops) + 1))
     layers = []
-    for number in range(chosen[0] - 1, min(chosen[1], len(tops))):
+    for number in range(first - 1, min(last, len(tops))):
         own = order[ends[number] : ends[number + 1]]
-        if not len(own):
-            continue
-        high = float(thickness[number])
-        plain = not rectangular and np.allclose(heights[own], high, rtol=1e-9)
-        roads = flat_roads(
-            pieces.track.start[own, :2],
-            pieces.track.end[own, :2],
-            np.stack(
-                [each[own] for each in (pieces.track.road, role, layer, pieces.track.tool)], 1
-            ),
-            width[own],
-            None if plain else section[own],
-            pieces.track.tool[own],
-            role[own],
-            names,
-        )
-        layers.append(Layer(float(tops[number]), high, roads, outline))
+        if len(own):
+            high = float(thickness[number])
+            roads = _roads(runs, own, heights, high, rectangular)
+            layers.append(Layer(float(tops[number]), high, roads, outline))
     if not layers:
-        raise InputError(f"layers: {chosen[0]}:{chosen[1]}; they hold nothing that is asked for")
+        raise InputError(f"layers: {first}:{last}; they hold nothing that is asked for")
     return tuple(layers), reading
+
+
+def _roads(runs: _Runs, own: Ints, heights: Floats, high: float, rectangular: bool) -> Roads:
+    """Some runs as the roads of a layer this high."""
+    track, pieces = runs.track, runs.pieces(own)
+    height = runs.of_those(own, heights)
+    section = track.volume[pieces] / track.length(pieces)
+    width = section / height if rectangular else road_width(section, height)
+    role, names = runs.roles()
+    role = runs.of_those(own, role)
+    layer = runs.of_those(own, runs.told("layer"))
+    tool = track.tool[pieces]
+    plain = not rectangular and np.allclose(heights[own], high, rtol=1e-9)
+    return flat_roads(
+        track.start[pieces, :2],
+        track.end[pieces, :2],
+        np.stack([track.road[pieces], role, layer, tool], 1),
+        width,
+        None if plain else section,
+        tool,
+        role,
+        names,
+    )
 
 
 _REASONS = ("", *ASIDE, "raft", "outside the outline", "other objects", "other roles")
 
 
-def _aside(pieces: _Pieces, comments: Comments, outline: Outline | None) -> NDArray[np.uint8]:
-    """Index in `_REASONS` of why each piece is no part, 0 for those that are."""
-    track = pieces.track
-    aside = np.zeros(len(track.line), np.uint8)
+def _aside(runs: _Runs, comments: Comments, outline: Outline | None) -> NDArray[np.uint8]:
+    """Index in `_REASONS` of why each run is no part, 0 for those that are."""
+    aside = np.zeros(len(runs.stretch), np.uint8)
     if outline is not None:
-        aside[~_meets(track, outline)] = _REASONS.index("outside the outline")
+        aside[~_meets(runs, outline)] = _REASONS.index("outside the outline")
     for role in ASIDE:
-        aside[pieces.those(lambda each, role=role: each.role == role)] = _REASONS.index(role)
-    aside[pieces.those(lambda each: each.raft)] = _REASONS.index("raft")
+        aside[runs.those(lambda each, role=role: each.role == role)] = _REASONS.index(role)
+    aside[runs.those(lambda each: each.raft)] = _REASONS.index("raft")
     if comments.layered:
-        primes = pieces.those(lambda each: each.layer == 0)
+        primes = runs.those(lambda each: each.layer == 0)
     else:
         # A nozzle that goes down to its first layer has primed higher up.
-        z = track.end[:, 2]
-        lowest = z[z == track.start[:, 2]].min(initial=np.inf)
-        primes = np.arange(len(z)) < np.argmax(z <= lowest + _NEAR)
+        start, end = runs.z
+        lowest = end[np.abs(end - start) <= _NEAR].min(initial=np.inf)
+        primes = np.arange(len(end)) < np.argmax(end <= lowest + _NEAR)
     aside[primes] = _REASONS.index("priming")
     return aside
 
 
-def _choose(pieces: _Pieces, aside: NDArray[np.uint8], choice: Choice) -> None:
+def _choose(runs: _Runs, aside: NDArray[np.uint8], choice: Choice) -> None:
     """Mark in `aside` what is asked for and what is not."""
     if choice.roles:
         wider = {"perimeter": ("perimeter", "outer perimeter", "overhang")}
         roles = {name for role in choice.roles for name in wider.get(role, (role,))}
-        asked = pieces.those(lambda each: each.role in roles or "all" in roles)
+        asked = runs.those(lambda each: each.role in roles or "all" in roles)
         aside[asked] = 0
         aside[~asked & (aside == 0)] = _REASONS.index("other roles")
     if choice.things:
-        names = {each.thing for each in pieces.stretches}
+        names = {each.thing for each in runs.stretches}
         found = {n for n in names if n and any(fnmatch(n, thing) for thing in choice.things)}
         if not found:
             known = ", ".join(sorted(names - {""})) or "none"
             raise InputError(f"object: {', '.join(choice.things)}; the file has {known}")
-        others = pieces.those(lambda each: each.thing not in found)
+        others = runs.those(lambda each: each.thing not in found)
         aside[others & (aside == 0)] = _REASONS.index("other objects")
 
 
-def _meets(track: Track, outline: Outline) -> Mask:
-    """Which pieces belong to a road that comes into the outline somewhere."""
+def _meets(runs: _Runs, outline: Outline) -> Mask:
+    """Which runs belong to a road that comes into the outline somewhere."""
+    track = runs.track
     shapely.prepare(outline)
-    first = np.flatnonzero(np.diff(track.road, prepend=-1))
-    number = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(track.road))))
-    begins = track.start[first]
-    inside = shapely.intersects_xy(outline, begins[:, 0], begins[:, 1])
+    road = track.road[runs.first[:-1]]
+    begins = np.flatnonzero(np.diff(road, prepend=-1))
+    number = np.repeat(np.arange(len(begins)), np.diff(np.append(begins, len(road))))
+    place = track.start[runs.first[begins]]
+    inside = shapely.intersects_xy(outline, place[:, 0], place[:, 1])
     # Of roads that begin outside each piece is looked at.
-    rest = np.flatnonzero(~inside[number])
-    lines = shapely.linestrings(np.stack([track.start[rest, :2], track.end[rest, :2]], 1))
-    inside[number[rest[shapely.intersects(outline, lines)]]] = True
+    far = np.flatnonzero(~inside[number])
+    if len(far):
+        pieces = runs.pieces(far)
+        ends = np.stack([track.start[pieces, :2], track.end[pieces, :2]], 1)
+        hits = shapely.intersects(outline, shapely.linestrings(ends))
+        inside[runs.of_those(far, number)[hits]] = True
     return inside[number]
 
 
-def _left_out(pieces: _Pieces, aside: NDArray[np.uint8]) -> dict[str, str]:
-    volumes = np.bincount(aside, pieces.track.volume, len(_REASONS))
+def _left_out(runs: _Runs, aside: NDArray[np.uint8]) -> dict[str, str]:
+    volumes = np.bincount(aside, runs.volume, len(_REASONS))
     counts = np.bincount(aside, minlength=len(_REASONS))
     said = [
         f"{name} {volume:.1f} mm^3"
         for name, volume, count in zip(_REASONS[1:], volumes[1:], counts[1:], strict=True)
         if count
     ]
-    role, names = pieces.roles()
+    role, names = runs.roles()
     kept = np.unique(role[aside == 0])
     unknown = [names[number] for number in kept if number and names[number] not in ROLES]
     found = {"left out": ", ".join(said)} if said else {}
@@ -229,21 +271,21 @@ def _left_out(pieces: _Pieces, aside: NDArray[np.uint8]) -> dict[str, str]:
 
 
 def _layer_keys(
-    pieces: _Pieces, comments: Comments, layer_height: float | None
+    runs: _Runs, layered: Ints, comments: Comments, layer_height: float | None
 ) -> tuple[Ints, Floats]:
-    """Index of each piece's layer, in the file's order, and the Z of each layer's top, mm."""
-    track = pieces.track
-    start, end = track.start[:, 2] - track.base, track.end[:, 2] - track.base
+    """Index of each of these runs' layer, in the file's order; each layer's top Z, mm."""
+    start, end = (z[layered] for z in runs.z)
     slopes = np.flatnonzero(np.abs(start - end) > _NEAR)
     if len(slopes):
         if layer_height is not None:
             level = np.ceil(np.maximum(start, end) / layer_height - 1e-6) * layer_height
         elif comments.layered:
-            level = pieces.told("layer").astype(float)
+            level = runs.told("layer")[layered].astype(float)
         else:
+            line = runs.track.line[runs.first[layered[slopes[0]]]]
             raise InputError(
-                f"G-code line {track.line[slopes[0]]}: deposits while Z moves; the layer height "
-                "tells the pitch of a vase"
+                f"G-code line {line}: deposits while Z moves; the layer height tells the pitch of "
+                "a vase"
             )
     else:
         level = np.round(end / _NEAR)
@@ -258,19 +300,23 @@ def _layer_keys(
 
 
 def _heights(
-    pieces: _Pieces, key: Ints, tops: Floats, settings: Settings, layer_height: float | None
+    runs: _Runs,
+    layered: Ints,
+    key: Ints,
+    tops: Floats,
+    settings: Settings,
+    layer_height: float | None,
 ) -> tuple[Floats, Floats, str]:
-    """Height of each piece and of each layer, mm, and where they are from."""
+    """Height of each of these runs and of each layer, mm, and where they are from."""
     if layer_height is not None:
         each = np.full(len(tops), layer_height)
         return each[key], each, "as given"
-    track = pieces.track
-    section = track.volume / np.hypot(*(track.end - track.start)[:, :2].T)
+    section = runs.section[layered]
     gaps = np.concatenate([[np.nan], np.diff(tops)])
     gaps[~(gaps > _NEAR)] = np.nan
     typical = float(np.nanmedian(gaps)) if np.isfinite(gaps).any() else np.nan
     said: Sequence[str] = ()
-    told, earlier = pieces.told("height"), pieces.told("earlier")
+    told, earlier, width = (runs.told(each)[layered] for each in ("height", "earlier", "width"))
     if (told > 0).all():
         first, second = told, np.where(earlier > 0, earlier, np.nan)
         said = ("the file's word on each road",)
@@ -285,7 +331,7 @@ def _heights(
         first, second, said = _from_gaps(tops, gaps, typical, section)
         first, second = first[key], second[key]
     first = np.where(told > 0, told, first)
-    heights = _likelier(section, first, second, pieces.told("width"))
+    heights = _likelier(section, first, second, width)
     thickness = gaps.copy()
     for number in np.flatnonzero(np.isnan(thickness) | (np.arange(len(tops)) == 0)):
         thickness[number] = np.median(heights[key == number])

@@ -56,6 +56,11 @@ class Track:
     backwards: float
     unknown: dict[str, int]
 
+    def length(self, pieces: slice | Ints) -> Floats:
+        """Of some pieces, seen from above, mm."""
+        start, end = self.start[pieces], self.end[pieces]
+        return np.hypot(end[:, 0] - start[:, 0], end[:, 1] - start[:, 1])
+
 
 _COLUMNS = (("start", 3), ("end", 3), ("volume", 1), ("line", 0), ("road", 0), ("tool", 0))
 COLUMNS = tuple(name for name, _ in _COLUMNS)
