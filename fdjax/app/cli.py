@@ -65,6 +65,9 @@ def _design(arguments: argparse.Namespace) -> None:
 
 
 def _measure(arguments: argparse.Namespace) -> None:
+    from importlib import import_module
+    from threading import Thread
+
     from fdjax.app import measuring
     from fdjax.formats.gcode_layers import Choice
     from fdjax.units import length
@@ -92,7 +95,13 @@ def _measure(arguments: argparse.Namespace) -> None:
         choice=choice,
         tolerance=arguments.tolerance,
     )
-    answer = measuring.answer(arguments.file, question)
+    # Matplotlib takes long to load: let it do so while the file is read.
+    pictures = Thread(target=import_module, args=["fdjax.view.figures"])
+    pictures.start()
+    try:
+        answer = measuring.answer(arguments.file, question)
+    finally:
+        pictures.join()
     answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"))
     if arguments.json is not None:
         answer.write_json(arguments.json)

@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 
 _ANGLE = 0.4
 """Direction of the scan lines, radians: roads seldom run along it."""
-_MANY = 3000
+_MANY = 1000
 """Pieces of road in a layer above which scan lines may lie further apart."""
 
 
