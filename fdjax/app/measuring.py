@@ -11,7 +11,7 @@ import shapely
 
 from fdjax.errors import InputError
 from fdjax.formats import read_file
-from fdjax.formats.footprint import outlined
+from fdjax.formats.footprint import outlined, with_outlines_of
 from fdjax.formats.gcode_layers import Choice
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
@@ -158,22 +158,25 @@ def answer(path: str | Path, question: Question) -> Answer:
     """
     path = Path(path)
     outline = None if question.outline is None else Region.of(question.outline).geometry
-    build = read_file(
-        path,
-        machine=question.machine,
-        filament=question.filament,
-        layer_height=question.layer_height,
-        outline=outline,
-        firmware=question.firmware,
-        choice=question.choice,
-    )
+    options = {
+        "machine": question.machine,
+        "filament": question.filament,
+        "layer_height": question.layer_height,
+        "outline": outline,
+        "firmware": question.firmware,
+    }
+    build = read_file(path, choice=question.choice, **options)
     if not any(layer.roads for layer in build.layers):
         raise InputError(f"{path}: holds no roads, so there is no porosity to measure")
     if any(layer.outline is None for layer in build.layers):
+        choice = question.choice
         try:
-            build, said = outlined(build)
+            # Chosen roads lie in the outline of the whole part.
+            whole = read_file(path, **options) if choice and choice.roles else build
+            whole, said = outlined(whole)
         except InputError as fault:
             raise InputError(f"{path}: {fault}") from None
+        build = with_outlines_of(whole, build)
         build = build.replace(reading={**build.reading, "outline": said})
     half = 0.5 if question.shifted else 0.0
     try:

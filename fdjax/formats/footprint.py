@@ -1,6 +1,7 @@
 """What the layers of a build fill, where its file does not say: told from its roads."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,7 @@ Floats = NDArray[np.float64]
 _OUTER, _WALLS = "outer perimeter", ("outer perimeter", "overhang")
 _ALIKE = 1e-3
 """Share of an outline by which the next layer's may differ and still be taken for the same."""
-_REACH = 0.75
+_REACH = 0.6
 """Half of the widest gap between roads that is filled, as a share of their mean spacing."""
 
 
@@ -46,8 +47,18 @@ def outlined(build: Build) -> tuple[Build, str]:
     below = next(each for each in found if each is not None)
     for layer, own in zip(build.layers, found, strict=True):
         below = own if own is not None else below
-        layers.append(Layer(layer.z, layer.height, layer.roads, below, layer.thinned))
+        layers.append(replace(layer, outline=below))
     return build.replace(layers=tuple(layers)), said
+
+
+def with_outlines_of(whole: Build, build: Build) -> Build:
+    """The build with the outlines that another has in its layers nearest in z."""
+    tops = np.array([layer.z for layer in whole.layers])
+    layers = (
+        replace(layer, outline=whole.layers[int(np.abs(tops - layer.z).argmin())].outline)
+        for layer in build.layers
+    )
+    return build.replace(layers=tuple(layers))
 
 
 def _alike(a: Outline, b: Outline) -> bool:
@@ -128,7 +139,9 @@ def _footprint(build: Build) -> tuple[Outline, float]:
         places = np.concatenate([segments.start[owner] + along, segments.end])
         mask[tuple(np.rint((places - low) / cell).astype(int).T + 1)] = True
         ends = shapely.MultiPoint(np.concatenate([segments.start, segments.end]))
-        spacings.append(max(ends.convex_hull.area / segments.length.sum(), width))
+        # Roads have a strip of their spacing each; the hull lacks half of one all round.
+        hull, length = ends.convex_hull, float(segments.length.sum())
+        spacings.append(max(hull.area / max(length - hull.length / 2, length / 4), width))
     reach = _REACH * float(np.median(spacings))
     x, y = (low[axis] + cell * (np.arange(shape[axis]) - 1) for axis in (0, 1))
     lines = contour_generator(x, y, mask.T.astype(float), fill_type=FillType.OuterOffset)
