@@ -148,10 +148,9 @@ def check_lines(job: Job, part: body.Part, target: Target, machine: Machine) -> 
     per_length = float(section_area(wide, height)) * families / height
     if solid * across < per_length:
         raise InputError(
-            f"target: at most {solid:.3g} solid is asked for, which is a road of {wide:g} mm every "
-            f"{per_length / max(solid, 1e-9):.3g} mm of a layer, and the part is {across:.3g} mm "
-            f"wide: less than one line; {per_length / across:.2g} solid or more would do, or a "
-            "narrower pattern.road_width"
+            f"target: at most {solid:.3g} solid is asked for, and the part is {across:.3g} mm wide: "
+            f"less than one line a layer; lines {wide:g} mm wide can give {per_length / across:.2g} "
+            "or more, a narrower pattern.road_width less"
         )
 
 
