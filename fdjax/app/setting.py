@@ -147,10 +147,11 @@ def check_lines(job: Job, part: body.Part, target: Target, machine: Machine) -> 
     families = 2 if job.pattern.mode.startswith("both") else 1
     per_length = float(section_area(wide, height)) * families / height
     if solid * across < per_length:
+        least = per_length / across
         raise InputError(
-            f"target: at most {solid:.3g} solid is asked for, and the part is {across:.3g} mm wide: "
-            f"less than one line a layer; lines {wide:g} mm wide can give {per_length / across:.2g} "
-            "or more, a narrower pattern.road_width less"
+            f"target: at most {solid:.3g} solid is asked for, and the part is {across:.3g} mm "
+            f"wide: less than one line a layer; lines {wide:g} mm wide can give {least:.2g} or "
+            "more, a narrower pattern.road_width less"
         )
 
 
