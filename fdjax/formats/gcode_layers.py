@@ -159,34 +159,39 @@ def layers_of(
     order = np.flatnonzero(asked)
     order = order[np.argsort(key[order], kind="stable")]
     ends = np.searchsorted(key[order], np.arange(len(tops) + 1))
+    (role, names), begun = runs.roles(), runs.told("layer")
     layers = []
     for number in range(first - 1, min(last, len(tops))):
         own = order[ends[number] : ends[number + 1]]
         if len(own):
             high = float(thickness[number])
-            roads = _roads(runs, own, heights, high, rectangular)
+            height, *marks = (runs.of_those(own, each) for each in (heights, role, begun))
+            roads = _roads(runs, own, height, high, marks, names, rectangular)
             layers.append(Layer(float(tops[number]), high, roads, outline))
     if not layers:
         raise InputError(f"layers: {first}:{last}; they hold nothing that is asked for")
     return tuple(layers), reading
 
 
-def _roads(runs: _Runs, own: Ints, heights: Floats, high: float, rectangular: bool) -> Roads:
-    """Some runs as the roads of a layer this high."""
+def _roads(
+    runs: _Runs,
+    own: Ints,
+    height: Floats,
+    high: float,
+    marks: Sequence[NDArray],
+    names: tuple[str, ...],
+    rectangular: bool,
+) -> Roads:
+    """Some runs as the roads of a layer this high; `height` and `marks` are of their pieces."""
     track, pieces = runs.track, runs.pieces(own)
-    height = runs.of_those(own, heights)
     section = track.volume[pieces] / track.length(pieces)
-    width = section / height if rectangular else road_width(section, height)
-    role, names = runs.roles()
-    role = runs.of_those(own, role)
-    layer = runs.of_those(own, runs.told("layer"))
-    tool = track.tool[pieces]
-    plain = not rectangular and np.allclose(heights[own], high, rtol=1e-9)
+    role, tool = marks[0], track.tool[pieces]
+    plain = not rectangular and np.allclose(height, high, rtol=1e-9)
     return flat_roads(
         track.start[pieces, :2],
         track.end[pieces, :2],
-        np.stack([track.road[pieces], role, layer, tool], 1),
-        width,
+        np.stack([track.road[pieces], *marks, tool], 1),
+        section / height if rectangular else road_width(section, height),
         None if plain else section,
         tool,
         role,
@@ -199,12 +204,12 @@ _REASONS = ("", *ASIDE, "raft", "outside the outline", "other objects", "other r
 
 def _aside(runs: _Runs, comments: Comments, outline: Outline | None) -> NDArray[np.uint8]:
     """Index in `_REASONS` of why each run is no part, 0 for those that are."""
-    aside = np.zeros(len(runs.stretch), np.uint8)
+    reasons = {role: _REASONS.index(role) for role in ASIDE}
+    raft, outside, priming = map(_REASONS.index, ("raft", "outside the outline", "priming"))
+    told = (raft if each.raft else reasons.get(each.role, 0) for each in runs.stretches)
+    aside = np.fromiter(told, np.uint8)[runs.stretch]
     if outline is not None:
-        aside[~_meets(runs, outline)] = _REASONS.index("outside the outline")
-    for role in ASIDE:
-        aside[runs.those(lambda each, role=role: each.role == role)] = _REASONS.index(role)
-    aside[runs.those(lambda each: each.raft)] = _REASONS.index("raft")
+        aside[(aside == 0) & ~_meets(runs, outline)] = outside
     if comments.layered:
         primes = runs.those(lambda each: each.layer == 0)
     else:
@@ -212,7 +217,7 @@ def _aside(runs: _Runs, comments: Comments, outline: Outline | None) -> NDArray[
         start, end = runs.z
         lowest = end[np.abs(end - start) <= _NEAR].min(initial=np.inf)
         primes = np.arange(len(end)) < np.argmax(end <= lowest + _NEAR)
-    aside[primes] = _REASONS.index("priming")
+    aside[primes] = priming
     return aside
 
 

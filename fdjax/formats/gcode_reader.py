@@ -19,6 +19,7 @@ from fdjax.plan.toolpath import Build, Layer, Outline
 from fdjax.road.bead import road_width
 
 _OWN_FILAMENT = re.compile(rb"fdjax (?:filament|flow) [=+].*")
+_TOOLS = 100
 _BACKWARDS = 1 / 3
 """Share of moves with E above which its being absolute makes no sense: they would lay nothing."""
 
@@ -78,7 +79,8 @@ def read(
         raise InputError(
             "G-code: the file does not say the filament's diameter; give it (often 1.75 mm)"
         )
-    tools = int(found.tool.max(initial=0)) + 1
+    # Bambu's T255 and T1000 are no tools.
+    tools = int(found.tool.max(initial=0, where=found.tool < _TOOLS)) + 1
     if 1 < len(followed.diameters) < tools:
         raise InputError(
             f"G-code: tool {tools - 1} deposits, and {len(followed.diameters)} filament diameters "
