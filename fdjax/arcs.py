@@ -10,10 +10,11 @@ SAGITTA = 0.01
 """Largest distance between an arc and its polyline, mm."""
 
 
-def arc_points(start: Point, centre: Point, sweep: float) -> list[Point]:
+def arc_points(start: Point, centre: Point, sweep: float, *, chord: float = 0.0) -> list[Point]:
     """Points after `start` along the arc about `centre`, evenly spaced.
 
-    `sweep` is in radians, counter-clockwise positive. Lengths in mm.
+    `sweep` is in radians, counter-clockwise positive. Lengths in mm. With `chord`, the arc has as
+    many pieces as that fits into its length, one at least; else they are fine.
 
     >>> x, y = arc_points((1.0, 0.0), (0.0, 0.0), math.pi)[-1]
     >>> round(x, 9), round(y, 9)
@@ -23,6 +24,8 @@ def arc_points(start: Point, centre: Point, sweep: float) -> list[Point]:
     radius = math.hypot(dx, dy)
     step = 2 * math.acos(max(1 - SAGITTA / radius, 0.5)) if radius > 0 else math.pi
     count = max(2, math.ceil(abs(sweep) / step))
+    if chord:
+        count = max(1, math.floor(abs(sweep) * radius / chord))
     points = []
     for number in range(1, count + 1):
         angle = sweep * number / count
@@ -55,14 +58,16 @@ def cubic_points(start: Point, leaving: Point, coming: Point, end: Point) -> lis
     return [*points[:-1], end]
 
 
-def between(start: Point, end: Point, centre: Point, turn: int) -> list[Point]:
+def between(
+    start: Point, end: Point, centre: Point, turn: int, *, chord: float = 0.0
+) -> list[Point]:
     """Points after `start` along the arc to `end`; `turn` is 1 counter-clockwise, -1 clockwise.
 
-    Where start and end are one point, a full circle.
+    Where start and end are one point, a full circle. `chord` is that of `arc_points`.
     """
     angles = [math.atan2(p[1] - centre[1], p[0] - centre[0]) for p in (start, end)]
     sweep = (angles[1] - angles[0]) * turn % (2 * math.pi) or 2 * math.pi
-    return [*arc_points(start, centre, turn * sweep)[:-1], end]
+    return [*arc_points(start, centre, turn * sweep, chord=chord)[:-1], end]
 
 
 def centre(start: Point, end: Point, radius: float, turn: int) -> Point:

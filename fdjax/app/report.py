@@ -56,7 +56,9 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
         rms = each.comparison.rms
         if not rms <= job.target.tolerance:
             what = f"{each.path.name} misses its target: RMS {rms:.4f} in {job.target.window:g} mm"
-            faults.append((each.path, f"{what} windows, {job.target.tolerance:g} is allowed"))
+            what = f"{what} windows, {job.target.tolerance:g} is allowed"
+            why = f" (limited by {' and '.join(result.limited_by)})" if result.limited_by else ""
+            faults.append((each.path, what + why))
         for finding in each.errors:
             faults.append((each.path, f"{each.path.name}: {finding}"))
     return faults
@@ -82,6 +84,7 @@ def report_of(
             "seconds": round(result.seconds, 3),
             "model_rms": result.outcome.error,
             "limits_broken": result.broken,
+            "limited_by": result.limited_by,
             "road_width": list(result.road_width),
             "pattern": result.pattern.facts(result.controls),
         },

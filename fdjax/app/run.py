@@ -6,6 +6,8 @@ from importlib import import_module
 from pathlib import Path
 from threading import Thread
 
+import numpy as np
+
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.report import Written, faults_of, report_of, table_of
@@ -15,6 +17,7 @@ from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.optimise.design import design as solve
 from fdjax.optimise.least_squares import Progress
+from fdjax.optimise.objective import WHOLE
 from fdjax.plan.check import check
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
@@ -39,7 +42,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     main = setting.machine_of(job, "ssl")
     setting.check_fits(job, part, main)
     setting.check_lines(job, part, target, main)
-    narrow = setting.narrow_places(part, job.pattern.road_width)
+    narrow, tips = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
         raise InputError(f'{narrow[0]}{more}; with narrow = "skip" such places stay empty')
@@ -76,10 +79,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if kind == "ssl":
             path.write_text(module(path).write(plan, machine), encoding="utf-8")
             continue
-        if job.pattern.width_is_free and plan.volume > 0:
-            plan = trim(plan, result.volume)
+        plan = _trimmed(job, result, plan, machine)
         written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
-    notes = [*(note for region in part.regions for note in region.notes), *narrow]
+    notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips]
     faults = faults_of(job, result, written)
     _pictures(job, folder, result, written)
     report = report_of(job, result, written, faults, notes)
@@ -115,35 +117,57 @@ def _planned(
 
 
 def _faultiness(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[int, float]:
-    """Errors of a plan, and the RMS of its windows, where they are and shifted by half."""
+    """Errors of a plan, and how far its windows, where they are and shifted by half, and its mean
+    are from the target: weighed as in design.
+    """
     if not job.pattern.corrections:
         return 0, 0.0
     found = check(plan, machine.limits, both_families=job.pattern.mode.startswith("both"))
-    window = job.target.window
-    misses = [
-        compare(measure(plan, window=window, shift=shift), target).rms
-        for shift in ((0.0, 0.0), (0.5, 0.5))
-    ]
-    return sum(each.severity == "error" for each in found), sum(miss**2 for miss in misses)
+    misses = 0.0
+    for shift in ((0.0, 0.0), (0.5, 0.5)):
+        seen = compare(measure(plan, window=job.target.window, shift=shift), target)
+        misses += seen.rms**2 + (WHOLE * (seen.mean_got - seen.mean_asked)) ** 2
+    return sum(each.severity == "error" for each in found), misses
 
 
 def _plan(job: Job, result: Design, machine: Machine) -> Build:
-    resolution = RESOLUTION[machine.format]
+    moved = TOLERANCE + STEP[machine.format]
     return lay(
         result.strokes(),
         result.part,
         lift_length=machine.lift_length,
         least_spacing=machine.limits.least_spacing,
         # Rounding to the file's steps may take a little off.
-        least_road=machine.limits.least_road + resolution if machine.limits.least_road else 0.0,
-        tolerance=resolution / 4,
-        clearance=resolution,
+        least_road=machine.limits.least_road + moved if machine.limits.least_road else 0.0,
+        tolerance=TOLERANCE,
+        clearance=moved,
         name=job.name,
     )
 
 
-RESOLUTION = {"gcode": 4e-3, "sml": MICROSTEP}
-"""What dropping points (a quarter of it) and rounding to a format's steps may move a road, mm."""
+def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
+    """The plan with the volume that is asked, by the sections of its roads: as much as that takes
+    where their width is free, else only where nobody could measure it and the machine lays it.
+    """
+    if not plan.volume > 0:
+        return plan
+    trimmed = trim(plan, result.volume)
+    if job.pattern.width_is_free:
+        return trimmed
+    low, high = machine.limits.road_width
+    widths = np.concatenate([road.width for layer in trimmed.layers for road in layer.roads])
+    faint = abs(result.volume / plan.volume - 1) < FAINT
+    return trimmed if faint and low <= widths.min() and widths.max() <= high else plan
+
+
+FAINT = 0.01
+"""Share of a road's section far below what an extruder keeps to."""
+
+TOLERANCE = 4e-3
+"""Points so near a straight road are dropped, mm: a hundredth of a road's width."""
+
+STEP = {"gcode": 1e-3, "sml": MICROSTEP}
+"""Of a format's coordinates, mm: what rounding may move a road."""
 
 
 def _written(job: Job, path: Path, build: Build, machine: Machine, target: Target) -> Written:

@@ -60,7 +60,12 @@ def send(request: Request) -> None:
     reached = _reached(program, digest, request) if goes_on else None
     port = _open(request, machine)
     try:
-        speaks = connect.protocol_at(port, machine)
+        settled = connect.settled(port, machine)
+        if settled is not machine:  # the file is read as the firmware reads it
+            program = Program(request.file, settled)
+            found = _survey(program, request.quiet)
+            found.refuse(program.path)
+        speaks = connect.protocol_of(settled)
         progress = Progress(found, request.quiet)
         with _Records(program, digest, request, port) as records:
 
@@ -211,7 +216,16 @@ def _go_on(
         height = place[2]
     _say(text, request.quiet)
     extruder = stream.protocol.firmware != "grbl"
-    back = resume.way_back(point, program.machine, stands, height=height, extruder=extruder)
+    if stands is Standing.LOST:
+        resume.must_be_saved(program, point)
+    back = resume.way_back(
+        point,
+        program.machine,
+        stands,
+        height=height,
+        top=0.0 if points is None else points.top,
+        extruder=extruder,
+    )
     stream.go_on(point, back)
     return point
 

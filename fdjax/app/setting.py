@@ -155,14 +155,26 @@ def check_lines(job: Job, part: body.Part, target: Target, machine: Machine) -> 
         )
 
 
-def narrow_places(part: body.Part, road_width: float) -> list[str]:
-    """Where the part is narrower than a road, in words, and so stays empty."""
-    return [
-        f"part: {neck.width:.3g} mm wide at ({neck.x:.4g}, {neck.y:.4g}), narrower than a road of "
-        f"{road_width:g} mm"
-        for region in part.regions
-        for neck in region.necks(road_width)
-    ]
+DEEP = 5.0
+"""A tip that stays empty for more road widths than this is missed: a corner of 11 degrees is."""
+
+
+def narrow_places(part: body.Part, road_width: float) -> tuple[list[str], list[str]]:
+    """Where the part is narrower than a road, and so stays empty, in words: passages, polygons and
+    arms, and beside them the tips of sharp corners.
+    """
+    places: tuple[list[str], list[str]] = [], []
+    for region in part.regions:
+        for neck in region.necks(road_width):
+            where = f"({neck.x:.4g}, {neck.y:.4g})"
+            tip = neck.depth <= DEEP * road_width
+            places[tip].append(
+                f"part: comes to a point at {where}, where {neck.depth:.2g} mm stay empty"
+                if tip
+                else f"part: {neck.width:.3g} mm wide at {where}, narrower than a road of "
+                f"{road_width:g} mm"
+            )
+    return places
 
 
 def origin_on(machine: Machine, part: body.Part) -> tuple[float, float]:

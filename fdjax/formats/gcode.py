@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdjax.errors import InputError
-from fdjax.formats import header
+from fdjax.formats import header, hosts
 from fdjax.formats.assembly import layer_mark, road_mark
 from fdjax.formats.gcode_reader import read
 from fdjax.formats.profile import Gcode, Machine
@@ -81,9 +81,10 @@ def _tables(machine: Machine) -> Gcode:
 def write(build: Build, machine: Machine) -> str:
     """The G-code file of `fit(build, machine)`.
 
-    Travel, with retraction, only where the next road starts elsewhere than the last one ended.
-    Priming stands between comments `fdjax prime begin` and `end`; the last line marks the end of
-    the file. Raises what `fit` raises.
+    Z is moved by G1, by which viewers tell layers, and comments tell hosts time, filament and
+    layers (see `hosts`). Travel, with retraction, only where the next road starts elsewhere than
+    the last one ended. Priming stands between comments `fdjax prime begin` and `end`; the last line
+    marks the end of the file. Raises what `fit` raises.
     """
     build = fit(build, machine)
     tables = _tables(machine)
@@ -94,7 +95,7 @@ def write(build: Build, machine: Machine) -> str:
         filament=repr(tables.extrusion.filament),
         flow=repr(tables.extrusion.flow),
     )
-    out = header.lines(";", facts)
+    out = [*header.lines(";", facts), hosts.head()]
     out += fill(tables.start, values)
     out += ["G90", "M83", "; fdjax prime begin", *fill(tables.prime, values), "; fdjax prime end"]
     out += ["M83" if tables.relative_e else "M82", "G92 E0"]
@@ -112,7 +113,8 @@ def write(build: Build, machine: Machine) -> str:
         speed = motion.first_layer_speed if index == 0 else motion.print_speed
         for road in layer.roads:
             nozzle.lay(road, layer, speed)
-    out += [*fill(tables.end, values), "; fdjax end", ""]
+    end = fill(tables.end, values)
+    out += [*hosts.summary([*out, *end], build, machine), *end, "; fdjax end", ""]
     return "\n".join(out)
 
 
@@ -187,11 +189,11 @@ class _Nozzle:
         if retracts:
             self._filament(-retraction.length)
         if z + hop != self._z:
-            self._out.append(f"G0 Z{z + hop:.3f} F{60 * motion.z_speed:g}")
+            self._out.append(f"G1 Z{z + hop:.3f} F{60 * motion.z_speed:g}")
         if moves:
             self._out.append(f"G0 X{to[0]:.3f} Y{to[1]:.3f} F{60 * motion.travel_speed:g}")
         if hop:
-            self._out.append(f"G0 Z{z:.3f} F{60 * motion.z_speed:g}")
+            self._out.append(f"G1 Z{z:.3f} F{60 * motion.z_speed:g}")
         if retracts:
             self._filament(retraction.length)
         self._at, self._z, self._feed = to, z, 0.0

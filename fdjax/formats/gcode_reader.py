@@ -178,7 +178,10 @@ class _Followed:
         """The reading under which E makes sense, where firmwares differ."""
         runs = []
         for firmware in (MARLIN, KLIPPER, REPRAP):
-            self._run(firmware)
+            try:
+                self._run(firmware)
+            except InputError:
+                continue  # its language is another
             runs.append((firmware, self.track, self.comments, self.marks))
         sensible = [run for run in runs if run[1].backwards <= _BACKWARDS] or runs
         firmware, self.track, self.comments, self.marks = sensible[0]

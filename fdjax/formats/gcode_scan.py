@@ -81,7 +81,7 @@ def _block(data: bytes, first: int) -> Block:
     stop = _contents(array, start, end)
     plain, words = _words(array, read, start, inner, stop)
     only_e = plain & resets & np.isfinite(words[:, 3]) & np.isnan(words[:, [0, 1, 2, 4]]).all(1)
-    plain &= moves
+    plain &= moves & ~(words[:, 4] <= 0)  # what no speed is differs
     others = ~(plain | only_e | comments)
     others[others] = array[start[others]] != 10
     return Block(data, first, start, end, plain, only_e, comments, others, words)

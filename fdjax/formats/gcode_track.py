@@ -189,7 +189,8 @@ class _Tracker:
     def run_many(self, block: Block, chosen: Ints) -> None:
         """Take these plain lines and resets of a block."""
         state = self.state
-        if len(chosen) <= _FEW or not state.direct:
+        fast = state.direct and state.firmware.extrudes and not state.power
+        if len(chosen) <= _FEW or not fast:
             for index in chosen.tolist():
                 self.line = block.first + index
                 text = block.text(index)
@@ -218,6 +219,8 @@ class _Tracker:
         both = has_e & moved
         self.counts["e"] += int(both.sum())
         self.counts["none"] += int((both & (volume <= 0)).sum())
+        highest = end[(volume > 0) & (moved | (start[:, 2] != end[:, 2])), 2]
+        state.top = float(highest.max(initial=state.top))
         laid = self._paid(volume)
         lays = moved & (laid > 0)
         if self.keeps_short():

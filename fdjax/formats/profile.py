@@ -14,6 +14,7 @@ from fdjax.formats import strict
 from fdjax.formats.strict import key, table
 from fdjax.formats.template import GCODE_NAMES, SML_NAMES, check
 from fdjax.limits import Limits
+from fdjax.moves import Point
 
 _FOLDER = Path(__file__).parent / "profiles"
 
@@ -129,8 +130,12 @@ class Stream:
       or more of enq-ack, xon-xoff and dtr.
     - `acceleration`: mm/s^2; `corner_speed`: mm/s, change of velocity that is made at once. Both
       for the time that a print takes.
-    - `hottest`: nozzle and bed, degrees Celsius; `density`: of the material, g/cm^3.
-    - `park_lift`, `park_retract`: mm that the nozzle rises and filament is pulled back in a pause.
+    - `hottest`: nozzle and bed, degrees Celsius; `coldest`: nozzle that may push filament, 0 for a
+      machine that pushes cold material; `density`: of the material, g/cm^3.
+    - `longest_push`: mm of filament in one move without X and Y; `largest_section`: mm^2 of a road;
+      of Klipper, where 0 means its own (50 mm, 4 x nozzle^2).
+    - `park`: X and Y of a pause, None for the bed's rear left corner; `park_lift`, `park_retract`:
+      mm that the nozzle rises and filament is pulled back in a pause.
     """
 
     firmware: str = key(strict.choice("auto", "marlin", "klipper", "rrf", "grbl", "sml"))
@@ -141,7 +146,11 @@ class Stream:
     acceleration: float = key(strict.number(1, 100_000), default=1000.0)
     corner_speed: float = key(strict.number(0, 1000), default=8.0)
     hottest: tuple[float, float] = key(strict.pair(0, 600), default=(275.0, 120.0))
+    coldest: float = key(strict.number(0, 500), default=150.0)
     density: float = key(strict.number(0.1, 30), default=1.24)
+    longest_push: float = key(strict.length(0, 10_000), default=0.0)
+    largest_section: float = key(strict.number(0, 10_000), default=0.0)
+    park: tuple[float, ...] | None = key(strict.lengths(2, -10_000, 10_000), default=None)
     park_lift: float = key(strict.length(0, 100), default=10.0)
     park_retract: float = key(strict.length(0, 20), default=2.0)
 
@@ -156,6 +165,9 @@ class Machine:
 
     - `name`, `title`; `format`: "gcode" or "sml", which of the tables below it must have.
     - `bed`: x, y and z; `nozzle`: its bore.
+    - `bed_origin`: machine coordinates of the bed's front left corner; half the bed below 0 where
+      its centre is 0, as with deltas. `lowest`: least X, Y and Z that the head reaches, as for a
+      purge before the bed's edge; None means `bed_origin` and 0.
     - `road_width`, `layer_height`: smallest and largest.
     - `least_road`: shortest whole road, from flow on to flow off; `longest_span`: longest road
       that nothing below supports.
@@ -177,10 +189,25 @@ class Machine:
     longest_span: float = key(strict.length(0.01, 1000))
     lift_length: float = key(strict.length(0, 1000))
     least_spacing: float | None = key(strict.length(0.01, 1000), default=None)
+    bed_origin: tuple[float, ...] = key(strict.lengths(2, -10_000, 10_000), default=(0.0, 0.0))
+    lowest: tuple[float, ...] | None = key(strict.lengths(3, -10_000, 10_000), default=None)
     unverified: tuple[str, ...] = key(strict.lines(), default=())
     gcode: Gcode | None = key(table(Gcode), default=None)
     sml: Sml | None = key(table(Sml), default=None)
     stream: Stream = key(table(Stream), default=Stream("auto", 115200))
+
+    @property
+    def room(self) -> tuple[Point, Point]:
+        """Least and largest x, y and z that the head reaches, mm."""
+        x, y = self.bed_origin
+        a, b, c = self.lowest or (x, y, 0.0)
+        return (a, b, c), (x + self.bed[0], y + self.bed[1], self.bed[2])
+
+    @property
+    def parking(self) -> tuple[float, float]:
+        """X and Y of a pause, mm."""
+        (x, y) = self.stream.park or (self.bed_origin[0], self.bed_origin[1] + self.bed[1])
+        return x, y
 
     @property
     def limits(self) -> Limits:
@@ -232,6 +259,9 @@ def _check(machine: Machine, where: str) -> None:
             value = getattr(value, part, None)
         if value is None:
             raise InputError(f"{where}: unverified: there is no key {dotted!r}")
+    low, high = machine.room
+    if any(a >= b for a, b in zip(low, high, strict=True)):
+        raise InputError(f"{where}: lowest: must be below bed_origin + bed")
     for name in machine.stream.handshake:
         if name not in HANDSHAKES:
             known = ", ".join(HANDSHAKES)

@@ -25,6 +25,9 @@ LARGEST_GAIN = 254
 """Largest even flow code."""
 
 _MOST_RUNS = MOST_OUTPUTS - 2  # flow on and rollback are outputs too
+_SPIKE = 2
+"""Microsteps: rounding moves two points no further towards each other."""
+
 _STEP = 2  # from one even code to the next
 
 Ints = NDArray[np.int64]
@@ -64,10 +67,12 @@ def fit_road(road: Road, height: float, origin: Floats, sml: Sml, carry: Carry) 
             f"({x}, {y}) microsteps on the bed is out of range; SML holds +-{FARTHEST}"
         )
     lasting = (np.diff(steps, axis=0) != 0).any(axis=1)
-    steps, width = np.vstack([steps[:1], steps[1:][lasting]]), road.width[lasting]
+    width = road.width if road.section is None else road_width(road.section, height)
+    steps, width = np.vstack([steps[:1], steps[1:][lasting]]), width[lasting]
+    steps, width = _without_spikes(steps, width)
     if len(width) == 0:
         return ()
-    asked = road.areas(height)[lasting] / sml.area_per_code
+    asked = section_area(width, height) / sml.area_per_code
     if asked.min() < _STEP - 1e-6 or asked.max() > LARGEST_GAIN + 1e-6:
         wrong = width[asked.argmin() if asked.min() < _STEP - 1e-6 else asked.argmax()]
         raise InputError(
@@ -94,6 +99,26 @@ def fit_road(road: Road, height: float, origin: Floats, sml: Sml, carry: Carry) 
 def steps_of(road: Road, origin: Floats) -> Ints:
     """The road's path in whole microsteps on the bed, shape (segments + 1, 2)."""
     return np.rint((road.path + origin) / MICROSTEP).astype(np.int64)
+
+
+def _without_spikes(steps: Ints, width: Floats) -> tuple[Ints, Floats]:
+    """The path without points that rounding has put a microstep or two straight back."""
+    while len(width) > 1:
+        way = np.diff(steps, axis=0)
+        before, after = way[:-1], way[1:]
+        back = (before * after).sum(1) < 0
+        straight = before[:, 0] * after[:, 1] == before[:, 1] * after[:, 0]
+        short = np.minimum(np.abs(before).max(1), np.abs(after).max(1)) <= _SPIKE
+        spikes = np.flatnonzero(back & straight & short)
+        if not len(spikes):
+            break
+        # One at a time: the next may be none without it.
+        k = spikes[0]
+        shorter = k + int(np.abs(before[k]).max() >= np.abs(after[k]).max())
+        steps, width = np.delete(steps, k + 1, axis=0), np.delete(width, shorter)
+        lasting = (np.diff(steps, axis=0) != 0).any(axis=1)
+        steps, width = np.vstack([steps[:1], steps[1:][lasting]]), width[lasting]
+    return steps, width
 
 
 def codes_of(road: Road, height: float, sml: Sml) -> Ints:

@@ -3,13 +3,30 @@
 import math
 from collections.abc import Mapping, Set
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import NamedTuple, Self
 
 from fdjax.gcode.firmware import MARLIN, Firmware
+from fdjax.gcode.settings import Settings
+from fdjax.gcode.words import Refused
 from fdjax.moves import Point, Position
 
 _SLOWEST = 1e-3
-"""mm/s; what F0 is taken for."""
+"""mm/s; what F0 is taken for, where it is taken."""
+
+
+class Saved(NamedTuple):
+    """What a command that saves the state keeps: the names are those of the record."""
+
+    on_bed: Point
+    shift: Point
+    offset: Point
+    e: float
+    absolute: bool
+    relative_e: bool
+    scale: float
+    speed: float
+    speed_factor: float
+    flows: dict[int, float]
 
 
 @dataclass(slots=True)
@@ -28,7 +45,12 @@ class Record:
       what `M220 B` kept of it.
     - `flows`: M221 of each tool. `volumetric`: whether E is mm^3 (M200).
     - `accelerations`: of M204, mm/s^2, by its letters: P for roads, T for travel, R for filament.
-    - `tool`; `nozzles`, `bed`: set temperatures; `fans`: S of each, 0 to 255.
+    - `settings`: all others that hold until they are given again, as they were said; `saved`:
+      states that the file had saved. `offset`: that of Klipper's SET_GCODE_OFFSET, part of `shift`.
+    - `tool`; `nozzles`, `bed`, `chamber`: set temperatures; `fans`: S of each, 0 to 255.
+    - `coldest`: the least temperature at which filament is pushed, where M302 said one.
+    - `retracted`: whether G10 has pulled filament back and G11 not returned it.
+    - `top`: the highest deposit so far, over the whole bed.
     - `power`: of spindle or laser while on, `spindle`: the command that set it (M3, M4).
     - `homed`: axes that have been homed. `unknown`: axes whose coordinate the machine may have set
       otherwise: since homing, a change of tool or a command of its own, until the file says where
@@ -54,9 +76,16 @@ class Record:
     flows: dict[int, float] = field(default_factory=dict)
     volumetric: bool = False
     accelerations: dict[str, float] = field(default_factory=dict)
+    settings: Settings = field(default_factory=dict)
+    saved: dict[str, Saved] = field(default_factory=dict)
+    offset: Point = (0.0, 0.0, 0.0)
     tool: int = 0
     nozzles: dict[int, float] = field(default_factory=dict)
     bed: float = 0.0
+    chamber: float = 0.0
+    coldest: float | None = None
+    retracted: bool = False
+    top: float = 0.0
     fans: dict[int, float] = field(default_factory=dict)
     power: float = 0.0
     spindle: str = "M3"
@@ -86,7 +115,7 @@ class Record:
 
     def know(self, axes: Set[str]) -> None:
         """The file says where these axes are."""
-        self.unknown -= axes
+        self.unknown = self.unknown.difference(axes)  # a new one: copies share the old
         self._look()
 
     def forget(self, axes: str = "XYZE") -> None:
@@ -103,9 +132,44 @@ class Record:
         self.gain = area / self.flow * self.flow_factor
 
     def run_at(self, speed: float) -> None:
-        """Set the speed of F, mm/s."""
+        """Set the speed of F, mm/s. Raises `Refused` for none, where it is."""
+        if speed <= 0:
+            if self.firmware.no_speed == "refused":
+                raise Refused(f"F{60 * speed:g} is no speed to {self.firmware.name}")
+            if self.firmware.no_speed == "ignored":
+                speed = self.speed
         self.speed = speed
         self.pace = max(speed * self.speed_factor, _SLOWEST)
+
+    def race(self, factor: float) -> None:
+        """Set the factor of all speeds (M220)."""
+        self.speed_factor = factor
+        self.settings[("M220", "", 1.0)] = {"S": f"{100 * factor:.10g}"}
+        self.run_at(self.speed)
+
+    def pour(self, factor: float, tool: int) -> None:
+        """Set the factor of what a tool deposits (M221)."""
+        self.flows[tool] = factor
+        letter = self.firmware.flow_tool
+        self.settings[("M221", f"{letter}{tool}" if letter else "", 1.0)] = {
+            "S": f"{100 * factor:.10g}"
+        }
+        self.weigh()
+
+    def save(self, name: str) -> None:
+        """Keep the state under a name."""
+        self.saved[name] = Saved(
+            on_bed=self.on_bed,
+            shift=self.shift,
+            offset=self.offset,
+            e=self.e,
+            absolute=self.absolute,
+            relative_e=self.relative_e,
+            scale=self.scale,
+            speed=self.speed,
+            speed_factor=self.speed_factor,
+            flows=dict(self.flows),
+        )
 
     @property
     def x(self) -> float:
@@ -128,7 +192,12 @@ class Record:
     @property
     def flow_factor(self) -> float:
         """M221 of the tool in use."""
-        return self.flows.get(self.tool, 1.0)
+        return self.flows.get(self.tool if self.firmware.flow_tool else 0, 1.0)
+
+    @property
+    def pours(self) -> bool:
+        """Whether motion lays something by the power that is on, as a dispenser's."""
+        return self.power > 0 and self.motion != "G0"
 
     @property
     def fan(self) -> float:
@@ -168,4 +237,4 @@ class Record:
         return replace(self, **own)
 
 
-_TABLES = ("flows", "accelerations", "nozzles", "fans")
+_TABLES = ("flows", "accelerations", "settings", "saved", "nozzles", "fans")

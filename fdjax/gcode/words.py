@@ -30,6 +30,10 @@ class NoCommand(InputError):
     """A line that is none in any firmware's language."""
 
 
+class Refused(InputError):
+    """A line that the firmware understands, and does not run."""
+
+
 def code_of(line: str) -> str:
     """A line of a file without comments and frame; empty where nothing is left.
 
@@ -69,6 +73,16 @@ def command_of(code: str) -> tuple[str, int]:
         return extended[1].upper(), len(code)
     name = f"{match[1].upper()}{int(match[2])}{match[3] or ''}"
     return name, len(code) if name in _TEXT else match.end()
+
+
+def end_of_name(code: str) -> int:
+    """Where the name of a command ends, whatever follows.
+
+    >>> end_of_name("M117 T1"), end_of_name("SET_PIN PIN=a")
+    (4, 7)
+    """
+    match = _COMMAND.match(code) or _EXTENDED.match(code)
+    return match.end() if match else 0
 
 
 def words_of(code: str, at: int = 0, *, bare: bool = True) -> dict[str, float]:

@@ -1,16 +1,18 @@
 """Finding out who answers at a port, and whether it is the machine of the profile."""
 
+from dataclasses import replace
+
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
 from fdjax.machine.port import AbstractPort
 from fdjax.machine.protocols import PROTOCOLS, AbstractProtocol, protocol
+from fdjax.machine.protocols.base import LISTEN
 
-LISTEN = 2.5
-"""Seconds for a board to boot that reset when the port was opened."""
 _ASK = 2.0
 
 _NAMES = (
     ("klipper", "klipper"),
+    ("kalico", "klipper"),
     ("reprapfirmware", "rrf"),
     ("grbl", "grbl"),
     ("|wpos:", "grbl"),
@@ -51,10 +53,16 @@ def recognise(port: AbstractPort) -> str:
     raise InputError(unanswered(heard, "any firmware that is known", 0))
 
 
-def protocol_at(port: AbstractPort, machine: Machine) -> AbstractProtocol:
-    """The protocol of a machine's profile, or of the firmware that answers at the port."""
-    firmware = machine.stream.firmware
-    return protocol(recognise(port) if firmware == "auto" else firmware, machine.stream)
+def settled(port: AbstractPort, machine: Machine) -> Machine:
+    """The machine, with the firmware that answers at its port if the profile leaves that open."""
+    if machine.stream.firmware != "auto":
+        return machine
+    return replace(machine, stream=replace(machine.stream, firmware=recognise(port)))
+
+
+def protocol_of(machine: Machine) -> AbstractProtocol:
+    """The protocol of a machine whose firmware is settled."""
+    return protocol(machine.stream.firmware, machine.stream)
 
 
 def unanswered(heard: bytes, wanted: str, baud: int) -> str:

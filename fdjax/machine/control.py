@@ -4,13 +4,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 
 from fdjax.formats.profile import Machine
+from fdjax.gcode import rebuild
 from fdjax.gcode.state import GcodeState
 from fdjax.machine.program import State
 from fdjax.machine.sml_state import SmlState
+from fdjax.moves import Point
 
 _TRAVEL = 6000.0
 _PUSH = 1800.0
 """mm/min."""
+_END_LIFT = 5.0
 
 
 class Commands(ABC):
@@ -36,7 +39,7 @@ class Commands(ABC):
         """Lines that heat again and bring back a state before `park`."""
 
     @abstractmethod
-    def off(self, machine: Machine) -> list[str]:
+    def off(self, state: State, machine: Machine) -> list[str]:
         """Lines that turn heaters and flow off, also where nothing else can be said any more."""
 
     @abstractmethod
@@ -57,15 +60,12 @@ class _Gcode(Commands):
         assert isinstance(state, GcodeState)
         if not state.placed:
             return []
-        lift = min(state.z + machine.stream.park_lift, machine.bed[2] - state.shift[2])
+        x, y, _ = within((*machine.parking, 0.0), state, machine)
         return [
             "M400",
-            "G21",
-            "G90",
-            "M83",  # behind G90, which to Marlin makes E absolute too
-            f"G1 E-{machine.stream.park_retract:g} F{_PUSH:g}",
-            f"G1 Z{max(lift, state.z):.3f} F600",
-            f"G1 X{-state.shift[0]:.3f} Y{machine.bed[1] - state.shift[1]:.3f} F{_TRAVEL:g}",
+            *rebuild.DIRECT,
+            *_rise(state, machine, machine.stream.park_lift),
+            f"G1 X{x:.3f} Y{y:.3f} F{_TRAVEL:g}",
             f"M104 S{max(state.nozzle - 60, 0):g}",
         ]
 
@@ -74,21 +74,29 @@ class _Gcode(Commands):
         if not state.placed:
             return []
         return [
+            *rebuild.DIRECT,
             f"M109 S{state.nozzle:g}",
             f"G1 X{state.x:.3f} Y{state.y:.3f} F{_TRAVEL:g}",
             f"G1 Z{state.z:.3f} F600",
-            f"G1 E{machine.stream.park_retract:g} F{_PUSH:g}",
-            *modes(state),
+            rebuild.push(state, machine.stream.park_retract, _PUSH),
+            *rebuild.modes(state, extruder=True),
+            *rebuild.extruder_as_it_was(state),
         ]
 
-    def off(self, machine: Machine) -> list[str]:
-        return [*heats(dict.fromkeys(range(_tools(machine)), 0.0), machine), "M140 S0", "M107"]
+    def off(self, state: State, machine: Machine) -> list[str]:
+        assert isinstance(state, GcodeState)
+        count = tools(machine)
+        lines = [*rebuild.heats(dict.fromkeys(range(count), 0.0), tools=count), "M140 S0"]
+        lines += ["M141 S0"] if state.chamber else []
+        if any(name == "SET_HEATER_TEMPERATURE" for name, _, _ in state.settings):
+            lines.append("TURN_OFF_HEATERS")
+        return lines + rebuild.fans_off(state)
 
     def end(self, state: State, machine: Machine) -> list[str]:
+        assert isinstance(state, GcodeState)
         # The steppers stay on: the position is needed to go on with the print.
-        lift = ["G21", "M83", f"G1 E-{machine.stream.park_retract:g} F{_PUSH:g}"]
-        lift += ["G91", "G1 Z5 F600", "G90"]
-        return [*self.off(machine), *(lift if state.placed else [])]
+        away = [*rebuild.DIRECT, *_rise(state, machine, _END_LIFT)] if state.placed else []
+        return [*self.off(state, machine), *away]
 
     def interrupt(self, facts: Mapping[str, str]) -> bytes:
         if facts.get("Cap:EMERGENCY_PARSER") == "1":
@@ -96,39 +104,32 @@ class _Gcode(Commands):
         return b""
 
 
-def _tools(machine: Machine) -> int:
+def tools(machine: Machine) -> int:
+    """How many tools a machine has."""
     return machine.gcode.tools if machine.gcode is not None else 1
 
 
-def heats(nozzles: Mapping[int, float], machine: Machine) -> list[str]:
-    """Lines that set temperatures of nozzles, by their tools, without waiting."""
-    if _tools(machine) == 1:
-        return [f"M104 S{heat:g}" for heat in nozzles.values()]
-    return [f"M104 T{tool} S{heat:g}" for tool, heat in nozzles.items()]
+def above(state: GcodeState, machine: Machine, lift: float) -> float:
+    """Bed height for travel: above all that stands, and never below where the nozzle is, mm."""
+    z = state.on_bed[2]
+    return max(min(max(z, state.top) + lift, machine.bed[2]), z)
 
 
-def modes(state: GcodeState, *, extruder: bool = True) -> list[str]:
-    """Lines that set units, modes and speed as a state has them, and filament position and fan."""
-    scale = state.scale
-    plain = [
-        "G20" if scale != 1 else "G21",
-        "G90" if state.absolute else "G91",
-        *([f"G1 F{60 * state.speed / scale:g}"] if state.speed else []),
-    ]
-    if not extruder:
-        return plain
+def within(place: Point, state: GcodeState, machine: Machine) -> Point:
+    """Coordinates of a place on the bed, so far as the firmware's own limits let it go there."""
+    x, y, z = (at - by for at, by in zip(place, state.shift, strict=True))
+    if not state.firmware.shifts_machine:
+        return x, y, z
+    (a, b, c), (d, e, f) = machine.room
+    return min(max(x, a), d), min(max(y, b), e), min(max(z, c), f)
+
+
+def _rise(state: GcodeState, machine: Machine, lift: float) -> list[str]:
+    """Pull filament back and rise above all that stands."""
+    *_, height = within((0.0, 0.0, above(state, machine, lift)), state, machine)
     return [
-        *plain,
-        "M83" if state.relative_e else "M82",
-        *([f"M220 S{100 * state.speed_factor:g}"] if state.speed_factor != 1 else []),
-        *([f"M221 S{100 * state.flow_factor:g}"] if state.flow_factor != 1 else []),
-        f"G92 E{state.e / state.e_scale:.5f}",
-        *(["M107"] if not state.fan else []),
-        *(
-            f"M106{f' P{number}' if number else ''} S{speed:g}"
-            for number, speed in state.fans.items()
-            if speed or number
-        ),
+        rebuild.push(state, -machine.stream.park_retract, _PUSH),
+        f"G1 Z{height:.3f} F600",
     ]
 
 
@@ -147,7 +148,7 @@ class _Grbl(Commands):
         power = state.power
         return [f"{state.spindle} S{power:g}"] if power else []
 
-    def off(self, machine: Machine) -> list[str]:
+    def off(self, state: State, machine: Machine) -> list[str]:
         return ["M5"]
 
     def end(self, state: State, machine: Machine) -> list[str]:
@@ -169,7 +170,7 @@ class _Sml(Commands):
     def unpark(self, state: State, machine: Machine) -> list[str]:
         return []
 
-    def off(self, machine: Machine) -> list[str]:
+    def off(self, state: State, machine: Machine) -> list[str]:
         return ["PD;MM;CD0;"]
 
     def end(self, state: State, machine: Machine) -> list[str]:

@@ -12,7 +12,8 @@ _QUICK = frozenset(
     [f"G{number}" for number in (0, 1, 2, 3, 17, 20, 21, 90, 91, 92)]
     + [f"M{number}" for number in (3, 4, 5, 73, 82, 83, 104, 105, 106, 107, 114, 117, 140, 204)]
 )
-"""Commands that take no longer than their motion; all others may heat, home or probe."""
+"""Commands that take no longer than their motion, as settings do; all others may heat, home or
+probe."""
 
 
 @dataclass(slots=True)
@@ -34,15 +35,18 @@ class Entry:
     repeatable: bool = False
 
 
+def _is_quick(name: str, state: GcodeState) -> bool:
+    return name in _QUICK or name in state.firmware.kept
+
+
 def entry_of(text: str, line: int, state: State) -> Entry:
     """The entry of a line, past which `state` is taken. Raises `InputError` for no command."""
     before = state.position
     moves = state.run(text)
-    gcode = isinstance(state, GcodeState)
     seconds = sum(move.seconds or move.length / max(move.speed, 1e-3) for move in moves)
-    slow = gcode and text.partition(" ")[0].upper() not in _QUICK
+    slow = isinstance(state, GcodeState) and not _is_quick(text.partition(" ")[0].upper(), state)
     # A travel to where the machine stands already does nothing.
     absolute = isinstance(state, GcodeState) and state.absolute
     repeatable = not moves or (absolute and not any(move.volume for move in moves))
-    after = state.position if moves else before
-    return Entry(text, line, seconds, BLOCKING if slow else 0.0, before, after, repeatable)
+    blocking = BLOCKING if slow else 0.0
+    return Entry(text, line, seconds, blocking, before, state.position, repeatable)

@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 LONGEST = {"auto": 96, "marlin": 96, "rrf": 256, "grbl": 80, "sml": 256}
 """Bytes of a line, its frame and its end included, that a firmware's buffer holds. Marlin's
 MAX_CMD_SIZE, grbl's LINE_BUFFER_SIZE, RepRapFirmware's, and of SML one command."""
-COLDEST = 150.0
-"""Degrees Celsius; firmware pushes no filament through a colder nozzle, or strips it."""
 
 FORBIDDEN = {
     "M0": "it waits for a person at the machine's own buttons",
     "M1": "it waits for a person at the machine's own buttons",
     "M28": "it writes what follows to the machine's card instead of running it",
     "M29": "it ends writing to the machine's card",
+    "EXCLUDE_OBJECT": "it leaves an object out, which is for a person to say",
     "M30": "it deletes a file on the machine's card",
     "M108": "it breaks off a wait for heat",
     "M25": "it pauses a print from the machine's card",
@@ -36,7 +35,8 @@ class Finding:
 
     - `severity`: "error" (the file must not be sent) or "warning".
     - `kind`: "bed", "heat", "long line", "forbidden", "homing", "units", "cold", "left on",
-      "unknown" (or damaged), "binary", "empty", "truncated", "tool" or "machine".
+      "unknown" (or damaged), "refused" (by the firmware), "wait", "binary", "empty", "truncated",
+      "tool" or "machine".
     - `message`: what is wrong and what would be right; `line`: of the file, where first, 0 for the
       file as a whole; `count`: in how many lines.
     """

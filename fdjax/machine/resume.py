@@ -7,8 +7,10 @@ from enum import Enum
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
+from fdjax.gcode import rebuild
+from fdjax.gcode.settings import state_name
 from fdjax.gcode.state import GcodeState
-from fdjax.machine.control import heats, modes
+from fdjax.machine.control import above, tools, within
 from fdjax.machine.program import Program, State
 from fdjax.machine.protocols.base import same
 from fdjax.machine.sml_state import SmlState
@@ -61,6 +63,7 @@ class Points:
             moves = state.run(command.text)
             if command.line <= reached:
                 laid = laid or any(move.volume > 0 for move in moves)
+                laid = laid or (isinstance(state, GcodeState) and bool(moves) and state.pours)
                 if any(sign in command.text.upper() for sign in _HOMING):
                     self._before.clear()
             line = command.line
@@ -97,6 +100,12 @@ class Points:
     def lost(self) -> Point:
         """Where it goes on if it lost its power, and with it the last moves that it had taken."""
         return next(point for point in self._before if _may_begin(point.state))
+
+    @property
+    def top(self) -> float:
+        """Of all that may stand on the bed, mm."""
+        state = (self._after or self._before)[-1].state
+        return state.top if isinstance(state, GcodeState) else 0.0
 
     @property
     def lowest(self) -> float:
@@ -137,39 +146,92 @@ def standing(reported: Position | None, point: Point | None) -> Standing:
 
 
 def way_back(
-    point: Point, machine: Machine, stands: Standing, *, height: float, extruder: bool = True
+    point: Point,
+    machine: Machine,
+    stands: Standing,
+    *,
+    height: float,
+    top: float = 0.0,
+    extruder: bool = True,
 ) -> list[str]:
-    """Lines that bring the machine to a point, hot and in its modes.
+    """Lines that bring the machine to a point, hot and with all that the file had in force.
 
     `height` is that of the nozzle now, mm above the bed; where the position is lost it is taken for
-    true. The nozzle rises first. Only X and Y are homed, unless the machine stands where it should:
-    Z never is, as the part stands there. Raises `InputError` where that cannot be done.
+    true. `top` is what stands on the bed beyond what the file had laid down by the point. The
+    nozzle rises above all of it first. Only X and Y are homed, unless the machine stands where it
+    should: Z never is, as the part stands there. Raises `InputError` where that cannot be done.
     """
     state = point.state
     if isinstance(state, SmlState):
         return _sml(state, stands)
     if not extruder and stands is Standing.LOST:
         raise InputError("grbl: it finds home along all axes at once, so not beside a part")
-    x, y, z = state.on_bed
+    now = state.copy()
+    now.on_bed, now.top = (*state.on_bed[:2], height), max(state.top, top)
     lost, here = stands is Standing.LOST, stands is Standing.HERE
-    up = 0.0 if lost else state.shift[2]
-    aside = state.shift[:2] if here or not extruder else (0.0, 0.0)
-    high = min(max(z, height) + _LIFT, machine.bed[2])
-    lines = ["G21", "G90"]
-    if extruder:
-        lines += [f"M140 S{state.bed:g}", *heats(state.nozzles, machine)]
-        lines += [f"T{state.tool}"] if state.tool else []
-    lines += [f"G92 Z{height:.3f}"] if lost else []
-    lines += [f"G1 Z{high - up:.3f} F600"]
-    lines += ["G28 X Y"] if extruder and not here else []
-    lines += [f"M190 S{state.bed:g}"] if state.bed else []
-    if state.nozzle:
-        lines += [f"M109 S{state.nozzle:g}", "M83", f"G1 E{machine.stream.park_retract:g} F300"]
-    lines += [f"G1 X{x - aside[0]:.3f} Y{y - aside[1]:.3f} F6000", f"G1 Z{z - up:.3f} F600"]
-    if extruder and not here and any(state.shift):
-        lines += [f"G92 X{state.x:.3f} Y{state.y:.3f} Z{state.z:.3f}"]
-    lines += [f"{state.spindle} S{state.power:g}"] if state.power else []
-    return lines + modes(state, extruder=extruder)
+    high = max(above(now, machine, _LIFT), min(state.on_bed[2] + _LIFT, machine.bed[2]))
+    x, y, z = (
+        place - shift
+        for place, shift in zip(state.on_bed, _shift_then(state, stands, extruder), strict=True)
+    )
+    rise = high if lost else within((0.0, 0.0, high), state, machine)[2]
+    if not extruder:
+        lines = ["M5", "G21", "G90", f"G1 Z{rise:.3f} F600", f"G1 X{x:.3f} Y{y:.3f} F6000"]
+        lines += [f"G1 Z{z:.3f} F600"]
+        lines += [f"{state.spindle} S{state.power:g}"] if state.power else []
+        return [*lines, *rebuild.modes(state, extruder=False)]
+    count = tools(machine)
+    return [
+        *rebuild.DIRECT,
+        *rebuild.heat_all(state, tools=count),
+        *rebuild.set_before_homing(state, tools=count),
+        *(line.format(z=height) for line in state.firmware.stands if lost),
+        f"G1 Z{rise:.3f} F600",
+        *([] if here else ["G28 X Y"]),
+        *rebuild.set_after_homing(state),
+        *([f"T{state.tool}"] if count > 1 else []),
+        *rebuild.wait_for_heat(state),
+        *rebuild.DIRECT,  # a change of tool may run a macro
+        *([rebuild.push(state, machine.stream.park_retract, 300)] if state.nozzle else []),
+        *(["G10"] if state.retracted and lost else []),
+        f"G1 X{x:.3f} Y{y:.3f} F6000",
+        f"G1 Z{z:.3f} F600",
+        *(rebuild.saved_states(state) if lost else []),
+        *([] if here else rebuild.place(state)),
+        *rebuild.modes(state, extruder=True),
+        *rebuild.extruder_as_it_was(state),
+    ]
+
+
+def _shift_then(state: GcodeState, stands: Standing, extruder: bool) -> tuple[float, ...]:
+    """What the machine has between bed and coordinates once X and Y have been homed."""
+    if stands is Standing.HERE or not extruder:
+        return state.shift
+    x, y, _ = state.offset
+    return (0.0, 0.0, 0.0) if stands is Standing.LOST else (x, y, state.shift[2])
+
+
+def must_be_saved(program: Program, point: Point) -> None:
+    """Raise `InputError` where the file goes back, after a point, to a place saved before it.
+
+    A machine that has lost its position has lost that too, and it cannot be brought there.
+    """
+    state = point.state
+    if not isinstance(state, GcodeState) or not state.saved:
+        return
+    firmware, lacking = state.firmware, set(state.saved)
+    for command in program.commands(point.line):
+        name, _, rest = command.text.upper().partition(" ")
+        if firmware.stacks or name not in (firmware.save, firmware.restore):
+            continue
+        key = state_name(command.text, len(name))
+        if name == firmware.save:
+            lacking.discard(key)
+        elif key in lacking and (firmware.saves_place or "MOVE=1" in rest):
+            raise InputError(
+                f"{program.path}, line {command.line}: {command.text} goes back to a place that "
+                "the machine has lost; begin anew, or at a layer behind it with --layer"
+            )
 
 
 def _sml(state: SmlState, stands: Standing) -> list[str]:

@@ -1,7 +1,12 @@
-"""A serial line to a machine."""
+"""A serial line to a machine, or what pyserial's URLs name: socket://, rfc2217://, loop://, spy://.
+
+Sources: pyserial 3.5. Its rfc2217 has no timeout for writing and negotiates anew whenever a setting
+is changed, the timeout of reading included; socket:// says of any number of bytes that one waits.
+"""
 
 import errno
 import time
+from urllib.parse import urlsplit
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Stream
@@ -18,6 +23,11 @@ except ImportError:  # Windows
 class NoPort(InputError):
     """There is no serial port of that name."""
 
+
+_WRITE_TIMEOUT = 10.0
+_GLANCE = 0.02
+"""Seconds of one read where its timeout is not to be changed: callers ask again."""
+_OVER_NET = ("socket", "rfc2217")
 
 _PARITIES = {"none": "N", "even": "E", "odd": "O"}
 
@@ -38,15 +48,21 @@ class SerialPort(AbstractPort):
     def _open(self, name: str):
         import serial
 
-        line = serial.serial_for_url(name, do_not_open=True)
+        _check_url(name)
+        try:
+            line = serial.serial_for_url(name, do_not_open=True)
+        except (ValueError, serial.SerialException) as error:
+            raise NoPort(f"port {name}: {error}") from None
         settings = self._settings
         line.baudrate = settings.baud
         line.bytesize = settings.bytesize
         line.parity = _PARITIES[settings.parity]
         line.xonxoff = "xon-xoff" in settings.handshake
         line.dsrdtr = "dtr" in settings.handshake
-        line.timeout = 0
-        line.write_timeout = 10
+        self._negotiates = name.lower().startswith("rfc2217:")
+        line.timeout = _GLANCE if self._negotiates else 0
+        if not self._negotiates:
+            line.write_timeout = _WRITE_TIMEOUT
         if "dtr" not in settings.handshake:
             line.dtr = False  # boards of the Arduino kind reset when it is raised
         line.exclusive = True
@@ -64,11 +80,22 @@ class SerialPort(AbstractPort):
 
     def read(self, seconds: float) -> bytes:
         try:
-            self._line.timeout = seconds
+            if self._negotiates:
+                if seconds <= 0 and not self._line.in_waiting:
+                    return b""
+            else:
+                self._line.timeout = seconds
             first = self._line.read(1)
-            return first + self._line.read(self._line.in_waiting) if first else b""
+            return first + self._rest() if first else b""
         except (OSError, TypeError) as error:
             raise PortLost(f"{self._name} is gone ({error})") from None
+
+    def _rest(self) -> bytes:
+        """All that waits behind a byte."""
+        found = b""
+        while count := self._line.in_waiting:
+            found += self._line.read(count)
+        return found
 
     def now(self) -> float:
         return time.monotonic()
@@ -81,15 +108,15 @@ class SerialPort(AbstractPort):
 
     def reopen(self) -> bool:
         self._line.close()
-        for port in present():
-            same = self._serial_number is not None and port.serial_number == self._serial_number
-            if same or port.device == self._name:
-                try:
-                    self._line = self._open(port.device)
-                except InputError:
-                    return False
-                self._name = port.device
-                return True
+        number = self._serial_number
+        found = [port.device for port in present() if number and port.serial_number == number]
+        for name in (*found, self._name):
+            try:
+                self._line = self._open(name)
+            except InputError:
+                continue
+            self._name = name
+            return True
         return False
 
 
@@ -102,6 +129,18 @@ def present() -> list:
 
 def _serial_number(name: str) -> str | None:
     return next((port.serial_number for port in present() if port.device == name), None)
+
+
+def _check_url(name: str) -> None:
+    """Raise `NoPort` for a URL without a host and a port, where these are needed."""
+    try:
+        parts = urlsplit(name)
+        lacks = parts.scheme.lower() in _OVER_NET and not (parts.hostname and parts.port)
+    except ValueError:
+        lacks = True
+    if lacks:
+        scheme = name.partition(":")[0]
+        raise NoPort(f"port {name}: a host and a port must follow, as in {scheme}://printer:7000")
 
 
 def _explained(name: str, error: Exception) -> InputError:

@@ -10,6 +10,8 @@ from pathlib import Path
 from fdjax.errors import InputError, StreamError
 from fdjax.formats import profile
 from fdjax.formats.profile import Machine
+from fdjax.gcode.state import MOTION, GcodeState
+from fdjax.gcode.words import command_of
 from fdjax.machine import connect
 from fdjax.machine.control import Commands, commands_of
 from fdjax.machine.entry import Entry, entry_of
@@ -78,6 +80,7 @@ class Stream:
         )  # while lines are sent that are not the file's
         self._starts = list(starts)
         self._extra: deque[str] = deque()
+        self._interrupted = False  # other motions than the file's have been sent since its last
         self._on_event = on_event
         self._log = log
         self._commands: Iterator[Command] = program.commands()
@@ -111,7 +114,12 @@ class Stream:
         found = survey(program)
         found.refuse(program.path)
         line = open_port(port, machine)
-        speaks = connect.protocol_at(line, machine)
+        settled = connect.settled(line, machine)
+        if settled is not machine:
+            program = Program(program.path, settled)
+            found = survey(program)
+            found.refuse(program.path)
+        speaks = connect.protocol_of(settled)
         return cls(program, line, speaks, starts=found.starts, on_event=on_event)
 
     # What other threads may call.
@@ -172,6 +180,7 @@ class Stream:
         self.state = point.state.copy()
         self._after = self._sent = self._told = point.line
         self._commands = self.program.commands(point.line)
+        self._next, self._read = None, False  # the file's first line may have been looked at
         self._extra.extend(way_back)
 
     def ask_position(self) -> Position | None:
@@ -225,8 +234,10 @@ class Stream:
                 return
             if line:
                 self._next, self._sent = None, line
+                self._interrupted = self._interrupted and command_of(text)[0] not in MOTION
             else:
                 self._extra.popleft()
+                self._interrupted = isinstance(self.state, GcodeState)
             self._push(text, line, now)
 
     def _peek(self) -> tuple[str | None, int]:
@@ -241,7 +252,22 @@ class Stream:
             except InputError as error:  # the file has changed
                 raise StreamError(str(error)) from None
             self._read = self._next is None
-        return (None, 0) if self._next is None else self._next
+        if self._next is None:
+            return None, 0
+        text = self._next.text
+        if text[0] not in "GMTgmt":
+            return self._named(text), self._next.line
+        return self._next
+
+    def _named(self, text: str) -> str:
+        """A command of the file; words that go on with a motion have its name, where it may not be
+        the one that the machine made last, or the firmware does not go on with any.
+        """
+        state = self.state
+        if not isinstance(state, GcodeState) or command_of(text)[0]:
+            return text
+        sure = state.firmware.modal and not self._interrupted
+        return text if sure else f"{state.motion} {text}"
 
     def _push(self, text: str, line: int, now: float) -> None:
         state = self.state if line else self._aside
@@ -298,6 +324,7 @@ class Stream:
             if self.port.now() >= until:
                 raise self.protocol.stopped(f"{lost}, and has not come back")
             self.port.wait(0.5)
+        self.protocol.doubt(self.port.now())
         self._tell("state", "the port is back")
 
     def _report(self, on_position: Callable[[str], object]) -> None:
@@ -369,7 +396,8 @@ class Stream:
 
     def _fail(self, error: StreamError) -> None:
         """Turn off what can be turned off, and say where the stream ended."""
-        line, sent = (self.protocol.proven_line or self._after) + 1, self._sent
+        line = error.line or (self.protocol.proven_line or self._after) + 1
+        sent = self._sent
         acknowledged = self.line
         self._turn_off()
         raise StreamError(
@@ -382,4 +410,4 @@ class Stream:
     def _turn_off(self) -> None:
         """No heater or flow stays on for want of a sender."""
         with contextlib.suppress(PortLost):
-            self._say_bare(self._control.off(self.program.machine))
+            self._say_bare(self._control.off(self.state, self.program.machine))

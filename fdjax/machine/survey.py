@@ -7,11 +7,14 @@ from collections.abc import Callable
 from math import inf
 
 from fdjax.errors import InputError
+from fdjax.gcode.commands import passes_over
+from fdjax.gcode.motion import MotionTime
+from fdjax.gcode.settings import said
 from fdjax.gcode.state import GcodeState
-from fdjax.gcode.words import parse
-from fdjax.machine.findings import COLDEST, FORBIDDEN, LONGEST, Findings
-from fdjax.machine.motion import MotionTime
+from fdjax.gcode.words import Refused, command_of
+from fdjax.machine.findings import FORBIDDEN, LONGEST, Findings
 from fdjax.machine.program import Program
+from fdjax.machine.pushes import check_push
 from fdjax.machine.sml_state import SmlState
 from fdjax.machine.surveyed import LayerStart, Survey
 from fdjax.moves import Move, Point
@@ -79,7 +82,10 @@ class _Surveyor:
         self._state = program.state()
         sml = isinstance(self._state, SmlState)
         self._firmware = "sml" if sml else stream.firmware
-        self._room = [side - _LEAST for side in program.machine.bed]
+        low, high = program.machine.room
+        self._low = [side + _LEAST for side in low]
+        self._high = [side - _LEAST for side in high]
+        self._weighs = self._firmware == "klipper"
         self._strip = program.code
         self._plain = self._state.plain if isinstance(self._state, GcodeState) else _nothing
         self._run = self._run_sml if sml else self._run_gcode
@@ -140,19 +146,33 @@ class _Surveyor:
                 self._check_home(start, end)
             self._moves.add(end)
             x, y, z = end
-            a, b, c = self._room
-            if not (_LEAST <= x <= a and _LEAST <= y <= b and _LEAST <= z <= c):
+            (a, b, c), (d, e, f) = self._low, self._high
+            if not (a <= x <= d and b <= y <= e and c <= z <= f):
                 self._outside(end)
         if volume:
+            if self._weighs:
+                self._weigh(move)
             self._deposit(start, end, volume)
         self._motion.add(move)
+
+    def _weigh(self, move: Move) -> None:
+        assert isinstance(self._state, GcodeState)
+        try:
+            check_push(self._state, move, self._machine)
+        except Refused as error:
+            # The key says which limit it is.
+            self._say("error", "refused", str(error), str(error).rpartition("(")[2])
 
     def _run_gcode(self, text: str) -> tuple[Move, ...]:
         moves = self._state.run(text)
         if text[:3] in ("G1 ", "G0 "):
             return moves
-        name, words = parse(text)
-        names = {name, *(f"{letter}{words[letter]:g}" for letter in "GM" if letter in words)}
+        name, at = command_of(text)
+        words = said(text, at)
+        names = {
+            name,
+            *(f"{letter}{words[letter].lstrip('0')}" for letter in "GM" if letter in words),
+        }
         for other in names & FORBIDDEN.keys():
             if not (other == "M30" and self._firmware == "grbl"):
                 right = f"{other} may not stand in a file that is sent: {FORBIDDEN[other]}"
@@ -160,10 +180,17 @@ class _Surveyor:
         self._united = self._united or bool(names & {"G20", "G21"})
         if not (name and name[0] in "GMT" and name[1].isdigit()):
             self._foreign(name, text)
+        if isinstance(self._state, GcodeState):
+            if passes_over(self._state.firmware, name):
+                right = f"{self._firmware} does not know {name}, and goes on without it"
+                self._say("warning", "unknown", right, name)
+            if name == "G4" and words and not words.keys() & self._state.firmware.dwell.keys():
+                right = " or ".join(self._state.firmware.dwell)
+                self._say("warning", "wait", f"{text} is no wait to {self._firmware}; {right} is")
         self._macros = self._macros or name == "M98"
         if name in _HALTS:
             self._motion.flush()
-        if name == "M204" and isinstance(self._state, GcodeState):
+        if name in ("M204", "SET_VELOCITY_LIMIT") and isinstance(self._state, GcodeState):
             self._motion.accelerate(self._state.accelerations)
         self._see()
         return () if name in ("G28", "$H") else moves
@@ -186,7 +213,7 @@ class _Surveyor:
             self._unhomed, self._cold = not state.homed, False
             return
         self._unhomed = not state.homed.issuperset("XYZ")
-        self._cold = self._firmware in _PRINTERS and state.nozzle < COLDEST
+        self._cold = self._firmware in _PRINTERS and state.nozzle < self._coldest
         heat = (max(state.nozzles.values(), default=0.0), state.bed)
         self._hottest = [max(pair) for pair in zip(self._hottest, heat, strict=True)]
         limits = self._machine.stream.hottest
@@ -204,6 +231,11 @@ class _Surveyor:
             self._tool = state.tool
             self._owed = self._owings.get(self._tool, 0.0)
 
+    @property
+    def _coldest(self) -> float:
+        said = self._state.coldest if isinstance(self._state, GcodeState) else None
+        return self._machine.stream.coldest if said is None else said
+
     def _foreign(self, name: str, text: str) -> None:
         """A line that is no G, M or T command."""
         firmware = self._firmware
@@ -216,6 +248,8 @@ class _Surveyor:
     def _refuse(self, text: str, error: InputError) -> None:
         if "\0" in text:
             self._say("error", "binary", "the line holds bytes that are no text; write it again")
+        elif isinstance(error, Refused):
+            self._say("error", "refused", str(error))
         else:
             self._say("error", "unknown", f"{error}; a command of the machine's language is needed")
 
@@ -246,9 +280,13 @@ class _Surveyor:
 
     def _outside(self, point: Point) -> None:
         where = ", ".join(f"{axis} {value:.6g}" for axis, value in zip("XYZ", point, strict=True))
-        room = " x ".join(f"{side:g}" for side in self._machine.bed)
-        right = f"a move to {where} mm leaves the machine's room of {room} mm from 0"
-        self._say("error", "bed", f"{right}; place the part within it")
+        low, high = self._machine.room
+        room = ", ".join(
+            f"{axis} {a:g} to {b:g}" for axis, a, b in zip("XYZ", low, high, strict=True)
+        )
+        right = f"a move to {where} mm leaves the machine's room of {room} mm"
+        keys = "the profile's bed_origin and lowest say where that begins"
+        self._say("error", "bed", f"{right}; place the part within it ({keys})")
 
     def _deposit(self, start: Point, end: Point, volume: float) -> None:
         if self._cold and volume > 0:
@@ -269,9 +307,11 @@ class _Surveyor:
         state = self._state
         assert isinstance(state, GcodeState)
         # Another tool's heater may be this one's too.
-        shared = state.tool not in state.nozzles and self._hottest[0] >= COLDEST
+        shared = state.tool not in state.nozzles and self._hottest[0] >= self._coldest
         severity = "warning" if self._macros or shared else "error"
-        right = f"M109 with {COLDEST:g} C or more must come first"
+        right = f"M109 with {self._coldest:g} C or more must come first"
+        right += "; the profile's stream.coldest" + (" or M302" if state.firmware.coldest else "")
+        right += " lets it be colder"
         message = f"cold extrusion: nozzle {state.tool} is set to {state.nozzle:g} C; {right}"
         self._say(severity, "cold", message, severity)
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from fdjax.errors import InputError
 from fdjax.limits import Limits
 from fdjax.optimise.least_squares import STEPS, Outcome, Progress, optimise
-from fdjax.optimise.objective import LEAST_WINDOW, Objective, Term
+from fdjax.optimise.objective import LEAST_WINDOW, MARGIN, Objective, Term
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractPattern, AbstractSettings
 from fdjax.pattern.isolines import Isolines
@@ -25,6 +25,12 @@ from fdjax.target.target import Target
 
 CORRECTING = 30
 """Most evaluations in which a design is corrected."""
+
+WIDELY = 0.005
+"""Share of a part in which a limit must be reached to be what a design is limited by."""
+
+STEEP = 0.1
+"""Solid share by which a target may change over half a window: lines crowd no faster."""
 
 OBJECTIVES = ("windows", "cells")
 """Where the porosity error is summed: windows, or the pattern's own cells."""
@@ -38,6 +44,7 @@ class Design:
     - `outcome`: how the last optimisation went; `steps`, `seconds`: of all of them together.
     - `made`: whether the pattern could be made there.
     - `broken`: largest share by which each kind of limit is broken, where it is.
+    - `held`: share of the places where each kind of limit is reached, where it is.
     - `road_width`: least and largest, mm.
     - `volume`: that the target asks for in all layers together, mm^3.
     - `limits`: of the machine, as the design kept them.
@@ -52,9 +59,30 @@ class Design:
     seconds: float
     made: bool
     broken: dict[str, float]
+    held: dict[str, float]
     road_width: tuple[float, float]
     volume: float
     limits: Limits
+
+    @property
+    def limited_by(self) -> list[str]:
+        """What keeps the design from its target, in words: limits reached, and a steep target."""
+        found = [
+            f"{name} at its limit in {100 * share:.1f} % of the part"
+            for name, share in self.held.items()
+            if share > WIDELY
+        ]
+        windows: SoftWindows | None = self.objective.windows
+        if windows is not None:
+            used = np.asarray(windows.room > LEAST_WINDOW * windows.full)
+            asked = np.where(used, np.asarray(windows.target), np.nan)
+            steps = [np.diff(asked, axis=axis) for axis in range(3)]
+            steepest = max(float(np.nanmax(np.abs(step), initial=0.0)) for step in steps)
+            if steepest > STEEP:
+                found.append(
+                    f"a target that changes by {steepest:.2g} within {windows.size / 2:g} mm"
+                )
+        return found
 
     def recounted(self, laid: float) -> "Design":
         """The design with as many lines as bring a plan that held `laid` mm^3 nearest to `volume`.
@@ -82,14 +110,16 @@ class Design:
         windows: SoftWindows = self.objective.windows
         if windows is None:
             return self
-        laid = windows.sums(Points(np.asarray(places), np.asarray(volumes)))
-        modelled = _sums(self.pattern, windows)
-        counted = windows.room > LEAST_WINDOW * windows.full
-        beside = jnp.where(counted, (laid - modelled) / jnp.maximum(windows.room, 1e-300), 0.0)
+        modelled, volume = _modelled(self.pattern, windows)
+        # By NumPy: as many pieces as no other plan has would compile anew.
+        by_hand = jax.tree.map(np.asarray, windows)
+        laid = by_hand.sums(Points(np.asarray(places), np.asarray(volumes)))
+        counted = by_hand.room > LEAST_WINDOW * by_hand.full
+        beside = np.where(counted, laid - modelled, 0.0) / np.maximum(by_hand.room, 1e-300)
         goal = replace(
             windows,
-            target=windows.target - beside,
-            total=windows.total - (np.sum(volumes) - _volume(self.pattern)),
+            target=jnp.asarray(by_hand.target - beside),
+            total=jnp.asarray(by_hand.total - (np.sum(volumes) - volume)),
         )
         outcome = optimise(
             eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
@@ -189,7 +219,7 @@ def _finished(
     volume: float,
 ) -> Design:
     """The design of a pattern at its own controls, looked at as it is now."""
-    made, worst, width = _survey(pattern, objective.limits)
+    made, excess, width = _survey(pattern, objective.limits)
     return Design(
         part=part,
         objective=objective,
@@ -199,7 +229,8 @@ def _finished(
         steps=steps,
         seconds=seconds,
         made=bool(made),
-        broken={name: float(value) for name, value in worst.items() if value > 0},
+        broken={name: float(worst) for name, (worst, _) in excess.items() if worst > 0},
+        held={name: float(share) for name, (_, share) in excess.items() if share > 0},
         road_width=(float(width[0]), float(width[1])),
         volume=volume,
         limits=objective.limits,
@@ -208,13 +239,15 @@ def _finished(
 
 @eqx.filter_jit
 def _survey(pattern: AbstractPattern, limits: Limits) -> tuple[Any, dict[str, Any], Any]:
-    """At its own controls: whether it could be made, by how much limits of each kind are broken,
-    and least and largest road width (mm).
+    """At its own controls: whether it could be made, by how much limits of each kind are broken
+    and at what share of the places they are reached, and least and largest road width (mm).
     """
     realised = pattern.realise(pattern.controls())
-    excess = pattern.penalties(realised, limits)
-    worst = {name: values.max() for name, values in excess.items()}
-    return realised.made, worst, pattern.widths(realised)
+    excess = {
+        name: (values.max(), (values > -2 * MARGIN).mean())
+        for name, values in pattern.penalties(realised, limits).items()
+    }
+    return realised.made, excess, pattern.widths(realised)
 
 
 @eqx.filter_jit
@@ -223,8 +256,10 @@ def _volume(pattern: AbstractPattern) -> Any:
 
 
 @eqx.filter_jit
-def _sums(pattern: AbstractPattern, windows: SoftWindows) -> Any:
-    return windows.sums(pattern.deposit(pattern.realise(pattern.controls())))
+def _modelled(pattern: AbstractPattern, windows: SoftWindows) -> tuple[Any, Any]:
+    """The deposit of a pattern at its own controls, in each window and as a whole, mm^3."""
+    deposit = pattern.deposit(pattern.realise(pattern.controls()))
+    return windows.sums(deposit), deposit.volume.sum()
 
 
 def _recounted(pattern: AbstractPattern, asked: float) -> AbstractPattern:

@@ -80,7 +80,7 @@ class _Problem(eqx.Module):
         residuals, made = self.objective(self.controls(free))
         # A trial that could not be made is answered with a large error: its step is not accepted.
         # All of one type: a constant that a term gives would else be of a weak one.
-        parts = [jnp.asarray(part, jnp.float64) for part in jax.tree.leaves(residuals)]
+        parts = [jnp.ravel(jnp.asarray(each, jnp.float64)) for each in jax.tree.leaves(residuals)]
         scaled = [jnp.where(made, SCALE * part, 1e3) for part in parts]
         return scaled, jnp.stack([jnp.sqrt(_squares(kind)) for kind in residuals])
 
@@ -134,6 +134,8 @@ def _few(free: Array, problem: _Problem) -> tuple[Array, Array]:
 # --- many controls ---
 
 
+# A program of its own: start and step, in which it stands several times, trace it once.
+@eqx.filter_jit
 def _many(free: Array, problem: _Problem) -> tuple[list[Array], Array]:
     return problem.residuals(free)
 
@@ -185,6 +187,11 @@ def _looked_at(free: Array, problem: _Problem) -> Array:
     return problem.residuals(free)[1]
 
 
+@eqx.filter_jit
+def _controls(free: Array, problem: _Problem) -> Any:
+    return problem.controls(free)
+
+
 def optimise(
     objective: Objective,
     controls: Any,
@@ -231,4 +238,4 @@ def optimise(
     # Where nothing was ever gained the trials failed: that is no convergence.
     converged = done and (bool(state.terminate) or len(gained) > 1)
     spent = time.perf_counter() - began
-    return Outcome(problem.controls(free), error, penalty, count, converged, spent)
+    return Outcome(_controls(free, problem), error, penalty, count, converged, spent)

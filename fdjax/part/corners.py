@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from shapely import LinearRing, MultiPoint, box
+from shapely import LinearRing, MultiPoint, box, get_coordinates
 
 from fdjax.errors import InputError
 from fdjax.part.curve import Floats, as_points
@@ -114,7 +114,7 @@ def smallest_rectangle(xy: Floats) -> Floats:
     rounding.
     """
     upright = box(*xy.min(0), *xy.max(0), ccw=True)
-    hull = np.asarray(MultiPoint(xy).convex_hull.simplify(TOLERANCE * _size(xy)).exterior.coords)
+    hull = get_coordinates(MultiPoint(xy).convex_hull.simplify(TOLERANCE * _size(xy)))
     along = np.diff(hull, axis=0)
     along = (along / np.hypot(*along.T)[:, None]).T
     frames = np.stack([along, (-along[1], along[0])])  # (axis, component, edge)

@@ -18,11 +18,14 @@ _SLACK = 0.01
 
 
 class Neck(NamedTuple):
-    """A place, mm, where the region is too thin, and its width there, mm."""
+    """A place, mm, where the region is too thin, its width there, and how deep it is, mm: how far
+    an arm goes on from there; infinite for a passage, and for a polygon that is all too thin.
+    """
 
     x: float
     y: float
     width: float
+    depth: float = np.inf
 
 
 def inset(region: Polygon | MultiPolygon, margin: float) -> list[Polygon]:
@@ -73,8 +76,8 @@ def necks(polygon: Polygon, width: float) -> Iterator[Neck]:
         sides = shapely.get_parts(wall)
         if len(sides) > 1:
             yield _narrowest(sides)
-        elif not _within(opened, piece, width):
-            yield widest(piece)
+        elif (depth := _depth(opened, piece)) > width:
+            yield widest(piece)._replace(depth=depth)
 
 
 def _pinches(polygon: Polygon, reached: list[Polygon], reach: float) -> Iterator[Neck]:
@@ -98,7 +101,6 @@ def _narrowest(sides: np.ndarray) -> Neck:
     return Neck(x, y, way.length)
 
 
-def _within(opened: Geometry, piece: Geometry, width: float) -> bool:
-    """Whether no point of a piece is further than `width` from what roads reach."""
-    points = shapely.points(shapely.get_coordinates(piece))
-    return bool(np.all(shapely.dwithin(opened, points, width)))
+def _depth(opened: Geometry, piece: Geometry) -> float:
+    """How far the furthest point of a piece is from what roads reach, mm."""
+    return float(shapely.distance(opened, shapely.points(shapely.get_coordinates(piece))).max())

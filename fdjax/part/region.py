@@ -101,7 +101,7 @@ class Region:
             return self.geometry
         parts = neck.inset(self.geometry, margin)
         if not parts:
-            x, y, width = neck.widest(self.geometry)
+            x, y, width, _ = neck.widest(self.geometry)
             raise InputError(
                 f"outline: nowhere wide enough for a road {2 * margin:g} mm wide; "
                 f"its widest place, near ({x:.4g}, {y:.4g}), is {width:.4g} mm wide"
@@ -109,7 +109,7 @@ class Region:
         return parts[0] if len(parts) == 1 else MultiPolygon(parts)
 
     def necks(self, width: float) -> list[Neck]:
-        """The places, (x, y, local width) in mm, too thin for a road of this width.
+        """The places, (x, y, local width, depth) in mm, too thin for a road of this width.
 
         They are passages on which the inset by half the width comes apart, or a loop opens, at
         their narrowest; and polygons that vanish and arms that are lost for more than a width's

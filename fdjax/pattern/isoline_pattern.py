@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from fdjax.field.isolines import isolines
+from fdjax.field.pointwise import place_by_place
 from fdjax.field.poisson import Poisson
 from fdjax.field.spline import Axis, product
 from fdjax.limits import Limits
@@ -33,7 +34,7 @@ SKEW = 0.8
 _TIGHT = 0.05
 """Between places looked at, lines of one phase come this share closer."""
 
-_SMOOTH = 3.5
+_SMOOTH = 1.6
 """A third derivative of one line over this length cubed, mm, is a roughness of one."""
 
 _STEP = 5.0
@@ -130,7 +131,7 @@ class IsolinePattern(AbstractPattern):
     def realise(self, controls: Controls) -> Realised:
         xi, eta = self.coefficients(controls)
         gradient = self.lattice.gradient(xi), self.lattice.gradient(eta)
-        density = tuple(jnp.sqrt(a * a + b * b + _FLAT**2) for a, b in gradient)
+        density = tuple(_density(*each) for each in gradient)
         width = self.width_at(controls, self.width_bases)
         made = jnp.isfinite(density[0].sum() + density[1].sum())
         return Realised((xi, eta), gradient, (density[0], density[1]), width, made)
@@ -189,19 +190,13 @@ class IsolinePattern(AbstractPattern):
         return points, 1 - solid.reshape(-1), volumes
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
-        (ax, ay), (bx, by) = realised.gradient
-        first, second = realised.density
         # Away from the room lines may do as they like.
         inside = self.room.area[0] > 0
-        least = limits.least_spacing or realised.width
-        across = jnp.abs(ax * by - ay * bx)
-        kinds = {
-            "skew": [jnp.abs(ax * bx + ay * by) / (first * second) / SKEW - 1],
-            "spacing": [each * (1 + _TIGHT) * least - 1 for each in (first, second)],
-            # The lines of one family are bridges between those of the other.
-            "span": [1 - self.reach * across / other for other in (first, second)],
-        }
+        least = (limits.least_spacing or realised.width) * (1 + _TIGHT)
+        least = jnp.broadcast_to(least, inside.shape)
+        skew, *others = _excess(*realised.gradient[0], *realised.gradient[1], least, self.reach)
         count = inside.sum() / inside.size
+        kinds = {"skew": [skew], "spacing": others[:2], "span": others[2:]}
         return {
             name: jnp.stack([jnp.where(inside, one, -1.0) for one in some]).ravel()
             / jnp.sqrt(count)
@@ -311,6 +306,28 @@ class IsolinePattern(AbstractPattern):
                 "where it is least; the lines cannot show what such knots say"
             ]
         return []
+
+
+@place_by_place
+def _density(x: Array, y: Array) -> Array:
+    return jnp.sqrt(x * x + y * y + _FLAT**2)
+
+
+@place_by_place
+def _excess(
+    ax: Array, ay: Array, bx: Array, by: Array, least: Array, reach: Array
+) -> tuple[Array, ...]:
+    """By how much two gradients, 1/mm, break the limit of skew, of both families' spacing, `least`
+    (mm), and of both families' span, `reach` (mm).
+    """
+    first, second = _density(ax, ay), _density(bx, by)
+    across = jnp.abs(ax * by - ay * bx)
+    return (
+        jnp.abs(ax * bx + ay * by) / (first * second) / SKEW - 1,
+        *(each * least - 1 for each in (first, second)),
+        # The lines of one family are bridges between those of the other.
+        *(1 - reach * across / other for other in (first, second)),
+    )
 
 
 def _covered(ends: Array, density: Array, width: Array) -> Array:

@@ -45,6 +45,17 @@ class Joins:
     partner: dict[int, tuple[int, Floats]]
     cut: dict[int, float]
 
+    @classmethod
+    def of(cls, ways: Iterable[Way]) -> "Joins":
+        """All of these ways."""
+        partner: dict[int, tuple[int, Floats]] = {}
+        cut: dict[int, float] = {}
+        for way in ways:
+            i, j = way.ends
+            partner[i], partner[j] = (j, way.xy), (i, way.xy[::-1])
+            cut[i], cut[j] = way.cut
+        return cls(partner, cut)
+
     def runs(self, pieces: int) -> list[list[int]]:
         """Continuous runs, each as the ends at which its pieces are entered."""
         found = []
@@ -65,8 +76,8 @@ class Joins:
 
 def choose(
     ways: Sequence[Way], level: Sequence[int], parity: int, near: set[tuple[int, int]]
-) -> Joins:
-    """The joins that are made, in two passes, shortest first.
+) -> list[int]:
+    """The numbers of the joins that are made, in two passes, shortest first.
 
     1. Back and forth: levels k and k + 1 are joined where they finish if `k + parity` is even,
        where they start if it is odd. A run so climbs from level to level, and none is a ring.
@@ -75,8 +86,8 @@ def choose(
 
     - `level`: of each piece; `near`: pairs of ways too near each other to be both made.
     """
-    partner: dict[int, tuple[int, Floats]] = {}
-    cut: dict[int, float] = {}
+    chosen: list[int] = []
+    taken: set[int] = set()
     run = list(range(len(level)))
     barred: set[int] = set()
     against: dict[int, list[int]] = {}
@@ -93,16 +104,15 @@ def choose(
     def make(numbers: Iterable[int]) -> None:
         for number in numbers:
             i, j = ways[number].ends
-            if i in partner or j in partner or number in barred:
+            if i in taken or j in taken or number in barred:
                 continue
             first, second = root(i // 2), root(j // 2)
             if first == second:
                 continue
             run[first] = second
             barred.update(against.get(number, ()))
-            way = ways[number]
-            partner[i], partner[j] = (j, way.xy), (i, way.xy[::-1])
-            cut[i], cut[j] = way.cut
+            taken.update((i, j))
+            chosen.append(number)
 
     def turns(way: Way) -> bool:
         i, j = way.ends
@@ -114,7 +124,7 @@ def choose(
 
     make(number for number, way in enumerate(ways) if turns(way))
     make(range(len(ways)))
-    return Joins(partner, cut)
+    return chosen
 
 
 def ways_along(

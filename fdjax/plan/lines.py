@@ -13,6 +13,7 @@ from fdjax.plan.cut import Piece, cut_lines
 from fdjax.plan.join import Joins, choose, ways_along
 from fdjax.plan.laid import Laid
 from fdjax.plan.order import order_roads
+from fdjax.plan.relink import relinked
 from fdjax.plan.room import Room
 from fdjax.plan.simplify import simplify_paths, simplify_roads
 from fdjax.plan.thin import thin
@@ -23,6 +24,9 @@ Floats = NDArray[np.float64]
 
 SHORTEST_ROAD = 3.0
 """A road shorter than so many of its widths is not worth laying alone."""
+
+WORTH_OTHER_PARITY = 15.0
+"""Travel, mm, that a layer of the other parity than asked must save."""
 
 
 def lay_lines(
@@ -81,9 +85,13 @@ def lay_lines(
         lift_length=lift_length,
         longest_join=LONGEST_JOIN if longest_join is None else longest_join,
     )
-    # With as many roads the parity that was asked stays: it covers the walls evenly.
-    tried = [choose(ways, level, parity, near) for parity in (lines.parity, 1 - lines.parity)]
-    joins = max(tried, key=lambda joins: len(joins.partner))
+    points = np.concatenate([piece.xy[[0, -1]] for piece in pieces])
+    asked, other = (
+        relinked(ways, choose(ways, level, parity, near), near, points, lift_length)
+        for parity in (lines.parity, 1 - lines.parity)
+    )
+    # The parity that was asked covers the walls evenly.
+    joins = (other if other.travel < asked.travel - WORTH_OTHER_PARITY else asked).joins
 
     def road(xy: Floats, width: Floats) -> Road:
         closed = len(xy) > 3 and bool((xy[0] == xy[-1]).all())

@@ -42,7 +42,7 @@ def write(path: Path, lines: int, *, extruder: bool) -> Program:
             file.write("M83\nM104 S200\nM109 S200\nG92 E0\n")
         for _ in range(lines):
             x, y = chance.uniform(0, 200), chance.uniform(0, 200)
-            file.write(f"G1 X{x:.3f} Y{y:.3f}" + (" E0.12345\n" if extruder else "\n"))
+            file.write(f"G1 X{x:.3f} Y{y:.3f}" + (" E0.00123\n" if extruder else "\n"))
     return Program(path, PRINTER)
 
 

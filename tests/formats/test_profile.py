@@ -127,3 +127,20 @@ def test_placeholders_are_filled_by_plain_replacement():
 def test_machines_are_frozen():
     with pytest.raises(dataclasses.FrozenInstanceError):
         profile.load("marlin-0.4").nozzle = 1.0
+
+
+def test_rooms_that_do_not_begin_at_the_beds_corner(tmp_path):
+    text = (Path(profile.__file__).parent / "profiles" / "marlin-0.4.toml").read_text()
+    delta = text.replace("nozzle = 0.4\n", 'nozzle = 0.4\nbed_origin = [-110, "-110mm"]\n', 1)
+    path = tmp_path / "delta.toml"
+    path.write_text(delta)
+    machine = profile.load(path)
+    assert machine.room == ((-110, -110, 0), (110, 110, 250))
+    assert machine.parking == (-110, 110)
+    path.write_text(delta.replace("[stream]\n", "[stream]\npark = [0, 90]\ncoldest = 0\n"))
+    assert (profile.load(path).parking, profile.load(path).stream.coldest) == ((0, 90), 0)
+    path.write_text(text.replace("nozzle = 0.4\n", "nozzle = 0.4\nlowest = [0, -3, -0.2]\n", 1))
+    assert profile.load(path).room == ((0, -3, -0.2), (220, 220, 250))
+    path.write_text(text.replace("nozzle = 0.4\n", "nozzle = 0.4\nlowest = [300, 0, 0]\n", 1))
+    with pytest.raises(InputError, match="lowest: must be below"):
+        profile.load(path)

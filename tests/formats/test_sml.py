@@ -46,6 +46,20 @@ def assert_same(a, b):
         np.testing.assert_array_equal(planned.width, found.width)
 
 
+@pytest.mark.parametrize("turn", range(4))
+def test_rounding_turns_no_corner_back_onto_its_road(turn):
+    # A corner that comes back a hundredth of a millimetre beside itself: on the grid, upon itself.
+    xy = np.array([(800, 0), (800.3, 315), (801.4, 315.1), (796, 315.3), (400, 319)])
+    around = np.array([(0, -1), (1, 0)])
+    xy = MICROSTEP * (xy @ np.linalg.matrix_power(around, turn) + 2000)
+    (road,) = fitted_roads(Road(xy, 0.4 + 0.05 * np.arange(4)))
+    steps = np.rint(np.diff(road.path, axis=0) / MICROSTEP)
+    straight = steps[:-1, 0] * steps[1:, 1] == steps[:-1, 1] * steps[1:, 0]
+    assert not (straight & ((steps[:-1] * steps[1:]).sum(1) < 0)).any()
+    assert len(road.width) == len(steps) == 3
+    np.testing.assert_allclose(road.path[[0, -1]], xy[[0, -1]], atol=MICROSTEP)
+
+
 @settings(max_examples=40, deadline=None)
 @given(build=builds())
 def test_what_is_written_is_read_back_exactly(build):

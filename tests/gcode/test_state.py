@@ -163,6 +163,13 @@ def test_a_copy_goes_its_own_way():
     assert (state.nozzle, state.x) == (200, 0)
 
 
+def test_what_a_copy_does_not_know_stays_unknown():
+    state = after("G28", "G92 E0")[0]
+    other = state.copy()
+    state.run("G1 Z40")
+    assert other.position == (None, None, None, 0)
+
+
 @pytest.mark.parametrize("relative", [True, False])
 def test_deposits_what_a_file_holds(tmp_path, relative):
     machine = dataclasses.replace(BARE, gcode=dataclasses.replace(BARE.gcode, relative_e=relative))

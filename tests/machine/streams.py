@@ -1,5 +1,6 @@
 """Programs to send, and what became of them: shared by the tests of streams."""
 
+import math
 import random
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,12 +31,15 @@ def gcode(path: Path, lines: int, seed: int = 0, *, extruder: bool = True) -> Pr
     text = ["G21", "G90"]
     if extruder:
         text += ["M83", "M104 S200", "M109 S200"]
+    here = (0.0, 0.0)
     text += ["G28", "G92 X0 Y0 Z0 E0" if extruder else "G92 X0 Y0 Z0", "G1 F3000"]
     while len(text) < lines:
         if extruder and chance.random() < 0.05:
             text.append(f"M106 S{chance.randrange(256)}")
             continue
         x, y, e = chance.uniform(0, 200), chance.uniform(0, 200), chance.uniform(0.1, 2)
+        e = min(e, 0.2 * math.dist(here, (x, y)))  # a section that Klipper takes
+        here = (x, y)
         text.append(f"G1 X{x:.3f} Y{y:.3f}" + (f" E{e:.4f}" if extruder else ""))
     path.write_text("\n".join(text) + "\n")
     return Program(path, PRINTER)

@@ -1,5 +1,8 @@
 """Pause, resume, abort, emergency stop, and what the machine is like after each."""
 
+import dataclasses
+import math
+
 import pytest
 from streams import PRINTER, gcode, program, send, stream
 
@@ -113,7 +116,7 @@ def test_abort_breaks_off_a_heat_up_where_marlin_can(tmp_path, parser, most):
         stream.run()
     assert port.now() < most
     assert any("cannot be interrupted" in event.text for event in events) is not parser
-    assert machine.heaters["T"].target == 0
+    assert machine.heaters["T0"].target == 0
 
 
 def test_emergency_stop_halts_at_once(tmp_path):
@@ -256,3 +259,96 @@ def test_a_dispenser_is_off_during_a_pause_homed_or_not(tmp_path):
     run.stream.run()
     settings = [text for text in run.machine.executed if text.startswith("M")]
     assert settings == ["M4 S500", "M5", "M4 S500"]
+
+
+def towers(path, firmware="marlin"):
+    """Two objects printed one after the other: the first one is 30 mm high."""
+    text = ["G21", "G90", "M83", "M104 S200", "G28", "M109 S200"]
+    for x, height in ((20, 30.0), (120, 1.0)):
+        text += ["G1 Z40 F600"]
+        for k in range(1, 6):
+            z = height * k / 5
+            text += [f";LAYER:{k}", f"G0 X{x} Y{x} F6000", f"G1 Z{z:g} F600"]
+            text += [f"G1 X{x + 10} E1 F1200", f"G1 X{x} E1", f"G1 Y{x + 10} E1"]
+    path.write_text("\n".join([*text, "M104 S0"]) + "\n")
+    stream = dataclasses.replace(PRINTER.stream, firmware=firmware)
+    return Program(path, dataclasses.replace(PRINTER, stream=stream))
+
+
+@pytest.mark.parametrize("machine", ["marlin", "klipper", "rrf"])
+def test_a_pause_travels_above_all_that_stands(tmp_path, machine):
+    job = towers(tmp_path / "job.gcode", machine)
+    begin, _ = at_line(("pause", "resume"), 45)
+    run = begin(job, machine)
+    made, make = [], run.machine._make
+    run.machine._make = lambda moves: made.extend(moves) or make(moves)
+    run.stream.run()
+    paused = [k for k, move in enumerate(made) if move.end[:2] == (0, 220)]
+    assert made[paused[0]].end[2] == pytest.approx(40)  # 30 and the lift
+    assert made[paused[0]].start[2] == pytest.approx(40)
+    assert made[paused[0] + 1].end[2] == pytest.approx(40)
+
+
+@pytest.mark.parametrize("machine", ["marlin", "klipper", "rrf"])
+def test_an_abort_ends_above_all_that_stands(tmp_path, machine):
+    begin, _ = at_line(("abort",), 45)
+    run = begin(towers(tmp_path / "job.gcode", machine), machine)
+    with pytest.raises(StreamError, match="aborted"):
+        run.stream.run()
+    assert run.machine.state.z == pytest.approx(35)
+
+
+def test_going_on_pushes_what_a_pause_pulled_back(tmp_path):
+    """Marlin's G90 makes E absolute; whatever was said in the pause, modes are said anew."""
+    path = tmp_path / "job.gcode"
+    job = gcode(path, 100)
+    text = path.read_text().replace("G1 F3000", "M82\nG92 E21\nG1 F3000\nG1 X1 Y1 Z1 E21", 1)
+    path.write_text(text)
+    job = Program(path, job.machine)
+    begin, _ = at_line(("pause",), 60)
+    run = begin(job, "marlin")
+    pauses = []
+
+    def interfere(seconds, read=run.port.read):
+        data = read(seconds)
+        if run.stream.paused and not run.stream.protocol.pending and not pauses:
+            pauses.append(run.machine.state.e)
+            run.machine.state.run("G90")
+            run.machine.state.run("G91")
+            run.stream.resume()
+        return data
+
+    run.port.read = interfere
+    run.stream.run()
+    plain = send(job, "marlin")
+    assert run.machine.print.volume == pytest.approx(plain.machine.print.volume, abs=1e-6)
+    assert run.machine.state.e == pytest.approx(plain.machine.state.e)
+
+
+@pytest.mark.parametrize("motion", ["G1", "G3"])
+def test_words_alone_go_on_with_their_motion_after_a_pause(tmp_path, motion):
+    path = tmp_path / "job.gcode"
+    head = "G21\nG90\nM83\nM104 S200\nG28\nM109 S200\nG1 X50 Y50 Z1 F3000\n"
+    words = "I5 J0 X60" if motion == "G3" else "X60"
+    path.write_text(head + f"{motion} {words} E1\n" + f"{words} E1\nG1 X50\n" * 2 + "M117 x\n" * 9)
+    text = path.read_text().replace("G1 X50\n", "X50 I-5\n" if motion == "G3" else "X50\n")
+    path.write_text(text)
+    job = Program(path, PRINTER)
+    plain = send(job, "marlin")
+    for line in (8, 9, 10):
+        begin, _ = at_line(("pause", "resume"), line)
+        run = begin(job, "marlin")
+        run.stream.run()
+        roads = [[m for m in r.machine.print.moves() if m.start != m.end] for r in (plain, run)]
+        assert roads[0] == roads[1]
+
+
+def test_volumetric_filament_is_pulled_back_by_its_length(tmp_path):
+    path = tmp_path / "job.gcode"
+    job = gcode(path, 100)
+    path.write_text(path.read_text().replace("G1 F3000", "M200 D1.75\nG0 Z1\nG1 X1 Y1 F3000", 1))
+    begin, _ = at_line(("pause", "resume"), 60)
+    run = begin(Program(path, job.machine), "marlin")
+    run.stream.run()
+    back = [move.volume for move in run.machine.print.moves() if move.volume < 0]
+    assert back == pytest.approx([-2 * math.pi / 4 * 1.75**2], rel=1e-5)

@@ -17,12 +17,15 @@ def faulty(folder, machine, seed):
     chance = random.Random(seed)
     rate = chance.uniform(0, 0.05)
     accident = (chance.randrange(5, LINES), chance.choice(ACCIDENTS)) if seed % 3 == 0 else None
-    port = {"faults": virtual.faults(machine, rate, seed), "accident": accident}
+    told = seed % 2 == 0  # of a grbl: half of them do not tell their buffer
+    port = {"faults": virtual.faults(machine, rate, seed, buffer_report=told), "accident": accident}
     options = {}
     if machine == "marlin":
         options = {name: chance.random() < 0.5 for name in ("advanced", "keepalive", "wait")}
         options["bare_resend"] = chance.random() < 0.3
         port["returns"] = chance.random() < 0.5
+    if machine == "grbl":
+        options["buffer_report"] = told
     pace = chance.choice([0.0, 0.01])
     job = program(folder, machine, LINES, seed)
     return send(job, machine, port=port, pace=pace, **options), accident

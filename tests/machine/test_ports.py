@@ -1,10 +1,16 @@
 """Serial ports: what can be wrong with one is said in a line, and two senders keep apart."""
 
+import contextlib
 import os
+import socket
 import threading
+import time
+import types
 from dataclasses import replace
 
 import pytest
+import serial
+from serial import rfc2217
 from streams import FIRMWARE, PRINTER, STRATASYS, gcode, program
 
 from fdjax.errors import InputError
@@ -16,6 +22,9 @@ from fdjax.machine.protocols import protocol
 from fdjax.machine.serial_port import SerialPort
 from fdjax.machine.stream import Stream
 from fdjax.machine.virtual.serve import PseudoTerminal
+
+DEPRECATED = pytest.mark.filterwarnings(r"ignore:set\w+\(\) is deprecated")
+"""What pyserial 3.5 does in its rfc2217."""
 
 
 @pytest.fixture
@@ -196,3 +205,161 @@ def test_a_printer_of_somebody_else_takes_a_file(tmp_path):
     stream.run()
     port.close()
     assert stream.protocol.proven_line == 300
+
+
+class Networked:
+    """A virtual machine behind a socket, plain or as RFC 2217 has it."""
+
+    def __init__(self, name, scheme, profile=PRINTER):
+        self.machine = virtual.MACHINES[name](profile, keep=True, record=True)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._over = False
+        self._scheme = scheme
+        self.cut_after = None  # bytes taken, after which the connection is closed once
+        self.name = f"{scheme}://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def _serve(self):
+        self._listener.settimeout(0.05)
+        began = time.monotonic()
+        while not self._over:
+            with contextlib.suppress(TimeoutError):
+                line, _ = self._listener.accept()
+                with line:
+                    self._talk(line, began)
+
+    def _talk(self, line, began):
+        line.settimeout(0.005)
+        manager = None
+        if self._scheme == "rfc2217":
+            out = types.SimpleNamespace(write=line.sendall)
+            manager = rfc2217.PortManager(serial.serial_for_url("loop://"), out)
+        while not self._over:
+            data = b""
+            with contextlib.suppress(TimeoutError):
+                data = line.recv(4096)
+                if not data:
+                    return
+            data = b"".join(manager.filter(data)) if manager else data
+            now = time.monotonic() - began
+            self.machine.receive(data, now)
+            self.machine.advance(now)
+            for _, answer in self.machine.answers():
+                line.sendall(b"".join(manager.escape(answer)) if manager else answer)
+            if self.cut_after is not None:
+                self.cut_after -= len(data)
+                if self.cut_after < 0:
+                    self.cut_after = None
+                    return
+
+    def close(self):
+        self._over = True
+        self._thread.join()
+        self._listener.close()
+
+
+@pytest.fixture(params=["socket", "rfc2217"])
+def networked(request):
+    served = Networked("marlin", request.param)
+    yield served
+    served.close()
+
+
+@DEPRECATED
+def test_a_machine_in_the_network_prints(tmp_path, networked):
+    job = gcode(tmp_path / "job.gcode", 150)
+    stream = Stream.open(job.path, PRINTER, networked.name)
+    stream.pause()
+    stream.resume()
+    stream.run()
+    stream.port.close()
+    ran = [text for text in networked.machine.executed if not text.startswith(("M11", "M105"))]
+    assert ran == [command.text for command in job.commands()]
+
+
+@DEPRECATED
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # a socket, by it
+def test_a_connection_that_breaks_is_opened_again(tmp_path, networked):
+    job = gcode(tmp_path / "job.gcode", 150)
+    networked.cut_after = 2500
+    stream = Stream.open(job.path, PRINTER, networked.name)
+    stream.run()
+    stream.port.close()
+    assert networked.cut_after is None
+    ran = [text for text in networked.machine.executed if not text.startswith(("M11", "M105"))]
+    assert ran == [command.text for command in job.commands()]
+
+
+def test_a_spied_line_prints(tmp_path, capsys):
+    served = Served("marlin")
+    try:
+        job = gcode(tmp_path / "job.gcode", 60)
+        stream = Stream.open(job.path, PRINTER, f"spy://{served.terminal.name}")
+        stream.run()
+        stream.port.close()
+    finally:
+        served.close()
+    assert "M109 S200" in served.machine.executed
+    assert "G28" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("rfc2217://127.0.0.1:1", "Connection refused"),
+        ("rfc2217://", "a host and a port must follow"),
+        ("socket://printer", "a host and a port must follow"),
+        ("socket://127.0.0.1:99999", "a host and a port must follow"),
+        ("socket://127.0.0.1:1", "Connection refused"),
+        ("nothing://here", "protocol 'nothing' not known"),
+        ("hwgrep://no such thing", "no ports found"),
+        ("spy:///dev/nowhere", "there is none of that name"),
+    ],
+)
+def test_a_url_that_leads_nowhere_is_one_line(name, message):
+    with pytest.raises(InputError, match=message) as caught:
+        open_port(name, PRINTER)
+    assert "\n" not in str(caught.value)
+
+
+def test_nobody_answers_at_a_loop(tmp_path, monkeypatch):
+    monkeypatch.setattr(protocol("klipper", PRINTER.stream).__class__, "tries", 1)
+    job = gcode(tmp_path / "job.gcode", 50)
+    port = open_port("loop://", PRINTER)
+    with pytest.raises(InputError, match="no machine that speaks klipper"):
+        Stream(job, port, protocol("klipper", PRINTER.stream)).run()
+    port.close()
+
+
+def test_a_pseudo_terminal_can_be_opened_again(line):
+    port = SerialPort(line.name, PRINTER.stream)
+    assert port.reopen()
+    port.write(b"x")
+    assert os.read(line._master, 1) == b"x"
+    port.close()
+
+
+@pytest.mark.parametrize(
+    ("said", "firmware"),
+    [
+        (b"ok FIRMWARE_NAME:Kalico FIRMWARE_VERSION:2026.10\n", "klipper"),
+        (b"FIRMWARE_VERSION:v0.13 FIRMWARE_NAME:Klipper\nok\n", "klipper"),
+        (b"FIRMWARE_NAME:Marlin bugfix-2.1 SOURCE_CODE_URL:x\n", "marlin"),
+        (b"FIRMWARE_NAME: RepRapFirmware for Duet 3 MB6HC\n", "rrf"),
+        (b"<Idle|MPos:0.000,0.000,0.000|FS:0,0>\n", "grbl"),
+    ],
+)
+def test_answers_give_the_firmware_away(said, firmware):
+    port = Mute(virtual.VirtualMarlin(PRINTER))
+    port.said = said
+    assert connect.recognise(port) == firmware
+
+
+def test_a_file_is_read_again_once_the_firmware_is_known(tmp_path):
+    job = gcode(tmp_path / "job.gcode", 50)
+    job.path.write_text(job.path.read_text() + "G1 X10 F0\n")
+    auto = replace(PRINTER, stream=replace(PRINTER.stream, firmware="auto"))
+    with pytest.raises(InputError, match="no speed to klipper"):
+        Stream.open(job.path, auto, "virtual:klipper")
+    Stream.open(job.path, auto, "virtual:marlin").run()

@@ -1,9 +1,11 @@
 """Where answers to lines without numbers do not come: what the position tells, line by line."""
 
 import pytest
+from streams import gcode, send
 
 from fdjax.errors import StreamError
 from fdjax.machine.entry import Entry
+from fdjax.machine.program import Program
 from fdjax.machine.protocols.klipper import KlipperProtocol
 from fdjax.machine.protocols.rrf import RrfProtocol
 
@@ -131,3 +133,35 @@ def test_filament_summed_in_single_precision_is_no_other_place():
             drifted = e * (1 + 2e-6)
             talk.hear(f"X:0.000 Y:0.000 Z:0.000 E:{drifted:.3f}", "ok")
     assert talk.protocol.proven > 200
+
+
+@pytest.mark.parametrize("line", [6, 100])
+def test_a_refused_line_is_named(tmp_path, line):
+    job = gcode(tmp_path / "job.gcode", 200)
+    lines = job.path.read_text().splitlines()
+    lines[line - 1] = "G1 X999 Y999" if line > 6 else "G1 X1"  # before homing, or out of its room
+    job.path.write_text("\n".join(lines) + "\n")
+    run = send(Program(job.path, job.machine), "klipper")
+    assert "refused a line: !!" in str(run.error)
+    assert run.error.line == line
+
+
+@pytest.mark.parametrize(
+    ("answer", "values"),
+    [
+        ("ok B:60.0 /60.0 T0:205.0 /210.0", {"B": (60, 60), "T0": (205, 210)}),
+        ("ok T:0", None),
+        (
+            "B:21.0 /0.0 T0:20.5 /180.0 T1:19.0 /0.0",
+            {"B": (21, 0), "T0": (20.5, 180), "T1": (19, 0)},
+        ),
+        ("ok C:35.0 /40.0 T0:1.0 /2.0 T11:3.0 /4.0", {"C": (35, 40), "T0": (1, 2), "T11": (3, 4)}),
+    ],
+)
+def test_temperatures_of_all_tools_are_noted(answer, values):
+    talk = Talk(KlipperProtocol())
+    talk.push("M105")
+    talk.protocol.notes.clear()
+    talk.hear(answer)
+    noted = [note.values for note in talk.protocol.notes if note.kind == "temperature"]
+    assert noted == ([] if values is None else [values])

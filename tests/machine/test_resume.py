@@ -1,5 +1,6 @@
 """After a crash: the layer to go on from is right, the state is rebuilt, Z is never homed."""
 
+import dataclasses
 import random
 import re
 import signal
@@ -9,7 +10,7 @@ import threading
 import time
 
 import pytest
-from streams import PRINTER, gcode, sml, units
+from streams import PRINTER, gcode, sml, stream, units
 
 from fdjax.errors import InputError
 from fdjax.machine import journal, resume
@@ -160,14 +161,93 @@ def test_the_way_back_rebuilds_the_state(tmp_path):
         assert state.speed == pytest.approx(wanted.speed)
 
 
-def test_the_way_back_brings_flow_speed_and_all_fans(tmp_path):
+IN_FORCE = """\
+M420 S1 Z3
+M201 X900 Y900
+M204 P500 T800
+M205 X6 Y6
+M900 K0.06
+M220 S80
+M221 S92
+M106 P0 S128
+M106 P2 S255
+M141 S35
+"""
+
+
+@pytest.mark.parametrize("stands", [Standing.LOST, Standing.ELSEWHERE])
+def test_the_way_back_brings_all_that_was_in_force(tmp_path, stands):
     program = layered(tmp_path / "job.gcode")
-    text = program.path.read_text().replace("G28\n", "G28\nM220 S80\nM221 S92\nM106 P2 S255\n", 1)
+    text = program.path.read_text().replace("G28\n", f"G28\n{IN_FORCE}", 1)
     program.path.write_text(text)
     program = Program(program.path, PRINTER)
     point = resume.at_layer(program, starts(program), 4)
-    lines = resume.way_back(point, PRINTER, Standing.LOST, height=0.8)
-    assert {"M220 S80", "M221 S92", "M106 S60", "M106 P2 S255"} <= set(lines)
+    lines = resume.way_back(point, PRINTER, stands, height=0.8)
+    wanted = set(IN_FORCE.splitlines()) - {"M106 P0 S128"} | {"M106 S60"}
+    assert wanted <= set(lines)
+    assert lines.index("G28 X Y") < lines.index("M420 S1 Z3")  # homing turns the mesh off
+    moved = next(k for k, line in enumerate(lines) if line.startswith("G1 Z"))
+    assert lines.index("M205 X6 Y6") < moved
+
+
+@pytest.mark.parametrize(
+    ("fans", "said"),
+    [
+        (["M106 P2 S0"], ["M107", "M106 P2 S0"]),
+        (["M106 S204", "M106 P2 S0"], ["M106 S204", "M106 P2 S0"]),
+        (["M106 P1 S90", "M107 P1", "M106 S9"], ["M106 S9", "M106 P1 S0"]),
+    ],
+)
+def test_all_fans_come_back_by_their_numbers(tmp_path, fans, said):
+    path = tmp_path / "job.gcode"
+    text = ["G28", "M109 S200", "M83", *fans, "G1 X10 Y10 Z1 E1 F600", ";LAYER:1", "G1 X20 E1"]
+    path.write_text("\n".join(text))
+    program = Program(path, PRINTER)
+    point = resume.at_layer(program, starts(program), 1)
+    lines = resume.way_back(point, PRINTER, Standing.HERE, height=0.8)
+    assert sorted(line for line in lines if line.startswith(("M106", "M107"))) == sorted(said)
+
+
+def test_a_layer_of_a_second_object_is_reached_above_the_first(tmp_path):
+    path = tmp_path / "job.gcode"
+    text = ["G28", "M109 S200", "M83", "G1 X10 Y10 Z30 F600", "G1 X20 E1", "G1 Z50"]
+    text += ["G1 X90 Y90", ";LAYER:0", "G1 Z0.2", "G1 X99 E1"]
+    path.write_text("\n".join(text))
+    program = Program(path, PRINTER)
+    point = resume.at_layer(program, starts(program), 1)
+    for stands in Standing:
+        lines = resume.way_back(point, PRINTER, stands, height=0.2)
+        assert next(line for line in lines if line.startswith("G1 Z")) == "G1 Z60.000 F600"
+        # What stands now may be higher than the layer that is begun anew.
+        lines = resume.way_back(point, PRINTER, stands, height=0.2, top=70)
+        assert "G1 Z80.000 F600" in lines
+
+
+@pytest.mark.parametrize(
+    ("firmware", "save", "back", "lost"),
+    [
+        ("marlin", "G60 S1", "G61 S1", True),
+        ("klipper", "SAVE_GCODE_STATE NAME=a", "RESTORE_GCODE_STATE NAME=a MOVE=1", True),
+        ("klipper", "SAVE_GCODE_STATE NAME=a", "RESTORE_GCODE_STATE NAME=a", False),
+        ("rrf", "M120", "M121", False),
+    ],
+)
+def test_a_place_that_the_machine_has_lost_is_not_gone_back_to(
+    tmp_path, firmware, save, back, lost
+):
+    path = tmp_path / "job.gcode"
+    text = ["G28", "M109 S200", "M83", "G1 X10 Y10 Z1 E1 F600", save, ";LAYER:1", "G1 X20 E1", back]
+    path.write_text("\n".join(text))
+    stream = dataclasses.replace(PRINTER.stream, firmware=firmware)
+    program = Program(path, dataclasses.replace(PRINTER, stream=stream))
+    point = resume.at_layer(program, starts(program), 1)
+    if lost:
+        with pytest.raises(InputError, match=r"line 8: .* a place that the machine has lost"):
+            resume.must_be_saved(program, point)
+    else:
+        resume.must_be_saved(program, point)
+        lines = resume.way_back(point, program.machine, Standing.LOST, height=1)
+        assert save in lines
 
 
 def test_sml_goes_on_between_roads_and_only_with_power(tmp_path):
@@ -181,6 +261,19 @@ def test_sml_goes_on_between_roads_and_only_with_power(tmp_path):
         assert back[0] == "PD;MM;"
         with pytest.raises(InputError, match="kept its power"):
             resume.way_back(point, program.machine, Standing.LOST, height=0.0)
+
+
+def test_the_first_line_of_the_file_is_not_said_again(tmp_path):
+    program = layered(tmp_path / "job.gcode")
+    program.path.write_text("G28\n" + program.path.read_text())
+    program = Program(program.path, PRINTER)
+    run = stream(program, "marlin")
+    run.stream.connect()
+    run.stream.ask_position()
+    point = resume.at_layer(program, starts(program), 3)
+    run.stream.go_on(point, ["M105"])
+    run.stream.run()
+    assert run.ran() == [text for text, line in units(program) if line > point.line]
 
 
 def test_a_layer_can_be_named(tmp_path):

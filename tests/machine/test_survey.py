@@ -373,3 +373,87 @@ print(seen[0], seen[-1])
 def test_a_file_of_another_kind_is_refused(tmp_path):
     with pytest.raises(InputError):
         look(tmp_path, GOOD, MARLIN, ".sml")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("G2 X50 Y10 R30", "no arcs with R"),
+        ("G91\nG3 X5 I2.5\nG90", "no arcs with G91"),
+        ("G20", "millimetres only"),
+        ("G1 E60 F300", "60.000 mm of filament in one move: Klipper takes 50 mm"),
+        ("G1 Z9 E-51", "stream.longest_push"),
+        ("G1 X11 E0.6", "a section of 1.443 mm"),
+        ("G1 X9 Y61 E.5", "stream.largest_section"),
+        ("G1 X50 F0", "F0 is no speed"),
+        ("RESTORE_GCODE_STATE NAME=none", "no state of that name was saved"),
+    ],
+)
+def test_what_klipper_refuses_is_found_beforehand(tmp_path, line, message):
+    text = GOOD.replace("M104 S0", f"{line}\nM104 S0")
+    found = look(tmp_path, text, of_firmware("klipper"))
+    assert kinds(found)[0] == ("refused", 14 + line.startswith("G91"))
+    assert message in found.errors[0].message
+    marlin = look(tmp_path, text, of_firmware("marlin"))
+    assert "refused" not in {finding.kind for finding in marlin.errors} or "RESTORE" in line
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"longest_push": 80.0}, "G1 E60 F300"),
+        ({"largest_section": 2.0}, "G1 X61 E0.6"),
+        ({}, "G1 X60.05 E0.1"),  # so little may be laid anywhere
+        ({}, "M221 S50\nG1 X61 E0.5"),
+    ],
+)
+def test_klippers_limits_are_the_profiles(tmp_path, changes, line):
+    text = GOOD.replace("G0 Z0.4", f"{line}\nG0 Z0.4").replace("Y60 E2\nG1 X6", "Y60 E2\nG1 X6")
+    text = text.replace("G1 X60 Y60 E2\n", "")
+    assert kinds(look(tmp_path, text, of_firmware("klipper", **changes))) == []
+
+
+def test_what_a_firmware_passes_over_is_a_warning(tmp_path):
+    text = GOOD.replace("M83", "M83\nM205 X5\nM201 X500\nG4 S2")
+    found = look(tmp_path, text, of_firmware("klipper"))
+    assert kinds(found, "warning") == [("unknown", 5), ("unknown", 6), ("wait", 7)]
+    assert look(tmp_path, text).findings == ()
+    assert found.seconds == pytest.approx(look(tmp_path, text).seconds - 2, rel=0.01)
+
+
+CENTRED = GOOD.replace("X10", "X-40").replace("Y10", "Y-10")
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "key"),
+    [
+        (CENTRED, {"bed_origin": (-110.0, -110.0)}, "bed_origin"),
+        (GOOD.replace("G0 X10", "G0 Y-3\nG0 X10"), {"lowest": (0.0, -3.0, 0.0)}, "lowest"),
+        (GOOD.replace("Z0.2", "Z-.1\nG0 Z.2"), {"lowest": (0.0, 0.0, -0.2)}, "lowest"),
+        (GOOD.replace("S210", "S100"), {"stream": {"coldest": 80.0}}, "stream.coldest"),
+        (GOOD.replace("M109 S210\n", ""), {"stream": {"coldest": 0.0}}, "stream.coldest"),
+    ],
+)
+def test_keys_of_the_profile_let_other_machines_through(tmp_path, text, changes, key):
+    refused = look(tmp_path, text)
+    assert key in refused.errors[0].message
+    stream = dataclasses.replace(MARLIN.stream, **changes.pop("stream", {}))
+    machine = dataclasses.replace(MARLIN, **changes, stream=stream)
+    assert look(tmp_path, text, machine).errors == ()
+
+
+@pytest.mark.parametrize(
+    ("line", "firmware", "passes"),
+    [
+        ("M302 S80", "marlin", True),
+        ("M302 P1", "marlin", True),
+        ("M302 S110", "marlin", False),
+        ("M302 P1", "rrf", True),
+        ("M302 P1", "klipper", False),  # it does not know it
+    ],
+)
+def test_m302_is_respected(tmp_path, line, firmware, passes):
+    text = GOOD.replace("S210", "S100").replace("M83", f"M83\n{line}")
+    errors = look(tmp_path, text, of_firmware(firmware)).errors
+    assert (errors == ()) is passes
+    assert passes or ("M302" in errors[0].message) is (firmware == "marlin")

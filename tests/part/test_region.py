@@ -201,6 +201,11 @@ def test_corners_are_no_arms_and_long_spikes_are():
     assert Region.of([(0, 0), (10, 0), (5, 9)]).necks(0.5) == []
     [spike] = Region.of([(0, 0), (10, 0), (10, 1)]).necks(0.5)
     assert spike.x < 5
+    # From the tip to a disc of the road's width between two walls.
+    half = np.arctan2(1, 10) / 2
+    assert spike.depth == pytest.approx(0.25 / np.sin(half) - 0.25, rel=0.02)
+    [passage] = Region.of(box(0, 0, 4, 4) | box(4, 1, 6, 1.3) | box(6, 0, 9, 3)).necks(0.5)
+    assert passage.depth == np.inf
 
 
 def test_a_hundred_thousand_points_work():

@@ -133,6 +133,16 @@ def test_a_plate_lower_than_a_window_may_have_a_target_that_rises():
     assert found.outcome.error < 0.01
 
 
+def test_a_small_part_has_few_controls():
+    part = Part.plate(shapely.box(0, 0, 16, 11))
+    found = design(part, lambda x, y: 0.72 - 0.01 * x + 0.005 * y, limits=MARLIN.limits)
+    assert ravel_pytree(found.controls)[0].size <= FEW
+    build = lay(found.strokes(), part, lift_length=4.0)
+    better = found.corrected(*build.deposits(0.5))
+    assert found.outcome.error < 0.01
+    assert better.outcome.error < 0.02
+
+
 def test_a_part_narrower_than_half_a_window_is_told_so_at_once():
     with pytest.raises(InputError, match=r"window: none of 5 mm is half inside"):
         design(shapely.box(0, 0, 2, 30), SMALL, limits=MARLIN.limits)
@@ -147,6 +157,16 @@ def test_a_corrected_design_is_looked_at_anew():
     realised = better.pattern.realise(better.controls)
     assert better.road_width == tuple(map(float, better.pattern.widths(realised)))
     assert better.road_width != found.road_width
+
+
+def test_what_keeps_a_design_from_its_target_is_said():
+    square = Part.plate(shapely.box(0, 0, 40, 40))
+    options = {"limits": MARLIN.limits, "iterations": 0, "pattern": Isolines(twist=0)}
+    assert design(square, lambda x, y: 0.7 + 0 * x, **options).limited_by == []
+    steep = design(square, lambda x, y: jnp.where(x < 20, 0.85, 0.55), **options)
+    assert any("changes by 0.14 within 2.5 mm" in each for each in steep.limited_by)
+    twisted = design(square, lambda x, y: 0.7 + 0 * x, limits=MARLIN.limits, iterations=0)
+    assert [each.split(" in ")[0] for each in twisted.limited_by] == ["skew at its limit"]
 
 
 def test_a_residual_of_ones_own_is_met_as_well():

@@ -107,24 +107,31 @@ def test_sums_of_numpy_and_jax_agree(outline):
     assert exact.sum() == pytest.approx(OVERLAP * amounts.sum())
 
 
-def test_sums_differentiate_as_central_differences_say():
-    windows = over(PLATE, half, 5.0)
+TALL = SoftWindows.over(
+    Part.stack([PLATE, L_SHAPE] * 20, 0.25), lambda x, y, z: 0.3 + 0 * x, 4.0, flat=False
+)
+
+
+@pytest.mark.parametrize("windows", [over(PLATE, half, 5.0), TALL], ids=["flat", "tall"])
+def test_sums_differentiate_as_central_differences_say(windows):
+    assert (windows.room.shape[2] > 1) == (windows is TALL)
     rng = np.random.default_rng(3)
-    points = jnp.asarray(random_points(PLATE, 60))
+    points = jnp.asarray(rng.uniform((2, -1, 0), (32, 21, 10), (60, 3)))
     amounts = jnp.asarray(rng.uniform(0, 1, 60))
-    weight = jnp.asarray(rng.normal(size=windows.room.shape[:2]))
+    weight = jnp.asarray(rng.normal(size=windows.room.shape))
 
     @jax.jit
     def value(points, amounts):
-        return (weight * summed(windows, points, amounts)).sum()
+        return (weight * windows.sums(Points(points, amounts))).sum()
 
     gradient = jax.jit(jax.grad(value, argnums=(0, 1)))(points, amounts)
-    way = rng.normal(size=points.shape), rng.normal(size=amounts.shape)
-    step = 1e-5
-    ahead = value(points + step * way[0], amounts + step * way[1])
-    back = value(points - step * way[0], amounts - step * way[1])
-    slope = sum(float((g * w).sum()) for g, w in zip(gradient, way, strict=True))
-    assert slope == pytest.approx(float(ahead - back) / (2 * step), rel=1e-6)
+    for axis in range(3):
+        way = rng.normal(size=points.shape) * (np.arange(3) == axis), rng.normal(size=60)
+        step = 1e-5
+        ahead = value(points + step * way[0], amounts + step * way[1])
+        back = value(points - step * way[0], amounts - step * way[1])
+        slope = sum(float((g * w).sum()) for g, w in zip(gradient, way, strict=True))
+        assert slope == pytest.approx(float(ahead - back) / (2 * step), rel=1e-6)
 
 
 def test_a_point_that_slides_over_an_edge_makes_no_jump():

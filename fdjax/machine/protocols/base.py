@@ -18,6 +18,10 @@ LONGEST_ANSWER = 4096
 """Bytes without a line's end that are no answer of any machine."""
 
 
+LISTEN = 2.5
+"""Seconds for a board to boot that reset when the port was opened."""
+
+
 @dataclass(slots=True)
 class Note:
     """Something the machine said: `kind` is temperature, busy, message, fault or position."""
@@ -27,7 +31,7 @@ class Note:
     values: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
-_TEMPERATURE = re.compile(r"\b([TB]\d?):\s*(-?\d+\.?\d*)\s*/\s*(-?\d+\.?\d*)")
+_TEMPERATURE = re.compile(r"\b([TBC]\d*):\s*(-?\d+\.?\d*)\s*/\s*(-?\d+\.?\d*)")
 
 
 def temperatures(text: str) -> dict[str, tuple[float, float]]:
@@ -66,6 +70,15 @@ def same(a: Position, b: Position, resolution: float) -> bool:
     return all(
         p is None or q is None or abs(p - q) <= most for p, q, most in zip(a, b, slack, strict=True)
     )
+
+
+def reports_heat(text: str) -> bool:
+    """Whether an answer begins with temperatures, behind its `ok` or without one.
+
+    >>> reports_heat("ok B:60.0 /60.0 T0:205.0 /210.0"), reports_heat("echo:T:1 /2")
+    (True, False)
+    """
+    return _TEMPERATURE.match(text.removeprefix("ok").lstrip()) is not None
 
 
 class AbstractProtocol(ABC):
@@ -150,7 +163,12 @@ class AbstractProtocol(ABC):
             if self._tried > self.tries:
                 raise self.stopped("no answer from the machine")
             self.overdue(now)
-            self._wait(now)
+            if self.ready:  # a greeting has a patience of its own
+                self._wait(now)
+
+    def doubt(self, now: float) -> None:
+        """The line was broken: find out soon what became of the lines on their way."""
+        self._wait(now, LISTEN)
 
     def farewell(self) -> bytes:
         """What is said when all has run, so that the machine is as it was."""
@@ -208,9 +226,12 @@ class AbstractProtocol(ABC):
     def _note(self, kind: str, text: str) -> None:
         self.notes.append(Note(kind, text, temperatures(text)))
 
-    def stopped(self, why: str) -> StreamError:
-        """The error that ends the stream; the stream itself adds the lines' numbers."""
-        return StreamError(why)
+    def stopped(self, why: str, *, line: int = 0) -> StreamError:
+        """The error that ends the stream; the stream itself adds the lines' numbers.
+
+        `line` is the one that is to blame, where that is known.
+        """
+        return StreamError(why, line=line)
 
 
 def is_ok(text: str) -> bool:

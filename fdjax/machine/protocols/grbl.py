@@ -2,7 +2,8 @@
 
 Where status reports (`?`) have a Bf field, they say how many bytes the machine has not read yet: a
 burst of lines goes out when it has read everything, and no answer that is lost or made up can
-change that. Without the field, characters are counted: `ok` releases the oldest line.
+change that. Without the field, which is how grbl comes, characters are counted: `ok` releases the
+oldest line; where none comes for long, a machine that is idle has run everything.
 """
 
 import re
@@ -17,7 +18,10 @@ _RESOLUTION = 0.0015
 _POLL = 0.02
 _STATUS = re.compile(r"<(\w+)[^<>]*>$")
 _BUFFER = re.compile(r"\|Bf:(\d+),(\d+)[|>]")
-_PLACE = re.compile(r"\|WPos:(-?[\d.]+),(-?[\d.]+),(-?[\d.]+)[|>]")
+_NUMBER = r"(-?\d+\.\d+)"
+_THREE = rf"{_NUMBER},{_NUMBER},{_NUMBER}[|>]"
+_PLACE = re.compile(rf"\|([WM])Pos:{_THREE}")
+_BETWEEN = re.compile(rf"\|WCO:{_THREE}")
 _BANNER = ("Grbl", "['$'", "for help")
 
 
@@ -38,6 +42,7 @@ class GrblProtocol(AbstractProtocol):
         self._size = 128  # of the receive buffer
         self._asked = False
         self._polling = False
+        self._between: tuple[float, ...] | None = None  # machine's place less the file's
         self._elsewhere: Position | None = None
         self._expected: Position = (None, None, None, None)  # after the last line
 
@@ -80,7 +85,8 @@ class GrblProtocol(AbstractProtocol):
                 self._release(1, now)
                 self._prove()
         elif text.startswith("error:") and self.pushed:
-            raise self.stopped(f"the machine refused a line: {text}")
+            oldest = 0 if self._counts or not self.pending else self.pending[0].line
+            raise self.stopped(f"the machine refused a line: {text}", line=oldest)
         elif text.startswith("ALARM"):
             raise self.stopped(f"the machine stopped itself: {text}")
         elif found := _STATUS.match(text):
@@ -97,30 +103,45 @@ class GrblProtocol(AbstractProtocol):
         self._note("position", text)
         if state in ("Alarm", "Door", "Sleep"):
             raise self.stopped(f"the machine is in state {state}")
-        found = _BUFFER.search(text)
+        found, here = _BUFFER.search(text), self._place(text)
         if not self.ready:
             self.ready, self._counts = True, found is not None
             self._size = max(self._size, int(found[2])) if found else self._size
             return
-        if not self._asked or found is None:
+        if not self._asked or (found is None and self._counts):
             return
         self._asked = False
         self._tried = 0
-        if self._size - int(found[2]) > 0:
+        if found is None and state != "Idle":
+            self._wait(now)
+            return
+        if found is not None and self._size - int(found[2]) > 0:
             self._polling = True
             self._deadline = now + _POLL
             return
-        place = _PLACE.search(text)
-        if state == "Idle" and place is not None:
-            here = (float(place[1]), float(place[2]), float(place[3]), None)
-            if not same(here, self._expected, _RESOLUTION):
-                if here == self._elsewhere:
-                    raise self.stopped("the machine stands elsewhere than the file says")
-                self._elsewhere, self._polling = here, True  # a report may be damaged
-                self._deadline = now
-                return
+        if state == "Idle" and here is not None and not same(here, self._expected, _RESOLUTION):
+            if here == self._elsewhere:
+                raise self.stopped("the machine stands elsewhere than the file says")
+            self._elsewhere, self._polling = here, True  # a report may be damaged
+            self._deadline = now
+            return
         self._release(len(self.pending), now)
         self._prove()
+
+    def _place(self, text: str) -> Position | None:
+        """Where the machine is, as the file counts; None where a report does not tell.
+
+        What lies between its own count and the file's, it says now and then only (WCO), and at
+        once where that has changed.
+        """
+        if found := _BETWEEN.search(text):
+            self._between = tuple(map(float, found.groups()))
+        found = _PLACE.search(text)
+        if found is None or (found[1] == "M" and self._between is None):
+            return None
+        shift = self._between if found[1] == "M" and self._between else (0.0, 0.0, 0.0)
+        x, y, z = (float(value) - by for value, by in zip(found.groups()[1:], shift, strict=True))
+        return x, y, z, None
 
     def overdue(self, now: float) -> None:
         if not self.ready:

@@ -16,6 +16,7 @@ from fdjax.machine.protocols.base import (
     checksum,
     is_ok,
     position,
+    reports_heat,
     same,
 )
 from fdjax.moves import Position
@@ -137,11 +138,11 @@ class MarlinProtocol(AbstractProtocol):
             self.ready, self._in_flight, self.pushed = False, 0, 0
             self.pending.clear()
             self.open(now)
-        elif "busy" in text or "paused for user" in text or text.startswith(("T:", "B:")):
-            self._note("busy" if "T:" not in text else "temperature", text)
+        elif "busy" in text or "paused for user" in text or reports_heat(text):
+            self._note("temperature" if reports_heat(text) else "busy", text)
             if self._goal is not None:
                 return
-            if text.startswith(("T:", "B:")):
+            if reports_heat(text):
                 self._lives(now)
             else:
                 self._tried = 0
@@ -157,7 +158,7 @@ class MarlinProtocol(AbstractProtocol):
             self._said(text, now)
 
     def _note_heat(self, text: str) -> None:
-        if "T:" in text:
+        if reports_heat(text):
             self._note("temperature", text)
 
     def _said(self, text: str, now: float) -> None:
@@ -189,7 +190,7 @@ class MarlinProtocol(AbstractProtocol):
                 if advanced[2] is not None and not self.pending:
                     self._slots = max(1, min(int(advanced[2]), 8))
         elif self._in_flight:
-            reported = "T:" in text and self.pending[0].text == "M105"
+            reported = reports_heat(text) and self.pending[0].text == "M105"
             self._take(1, now)
             if reported:
                 self._prove()  # nothing else is answered so

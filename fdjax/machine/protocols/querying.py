@@ -7,7 +7,13 @@ after all that it said of earlier lines.
 from abc import abstractmethod
 from typing import ClassVar
 
-from fdjax.machine.protocols.base import AbstractProtocol, is_ok, position, same
+from fdjax.machine.protocols.base import (
+    AbstractProtocol,
+    is_ok,
+    position,
+    reports_heat,
+    same,
+)
 from fdjax.moves import Position
 
 QUIET = 0.5
@@ -87,13 +93,14 @@ class AbstractQuerying(AbstractProtocol):
     def answer(self, text: str, now: float) -> None:
         fatal = self._fatal(text)
         if fatal is not None and (self.ready or text.startswith("!!")):
-            raise self.stopped(fatal)
+            refused = text.startswith("!!") and self.pending
+            raise self.stopped(fatal, line=self.pending[0].line if refused else 0)
         if is_ok(text):
-            if "T:" in text:
+            if reports_heat(text):
                 self._note("temperature", text)
             self._ok(text, now)
-        elif text.startswith(("T:", "B:")) or "busy" in text:
-            self._note("temperature" if "T:" in text else "busy", text)
+        elif reports_heat(text) or "busy" in text:
+            self._note("temperature" if reports_heat(text) else "busy", text)
             self._lives(now)
         elif (place := position(text)) is not None:
             self._note("position", text)

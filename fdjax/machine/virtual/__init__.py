@@ -25,12 +25,19 @@ MACHINES: dict[str, type[AbstractVirtualMachine]] = {
 }
 """By what follows `virtual:` in the name of a port."""
 
-_FLAGS = {"marlin": ("advanced", "keepalive", "emergency_parser", "wait", "bare_resend")}
+_FLAGS = {
+    "marlin": ("advanced", "keepalive", "emergency_parser", "wait", "bare_resend"),
+    "grbl": ("buffer_report",),
+}
 _ANSWERS = ("lose answer", "double answer", "lose byte", "damage byte", "delay")
 
 
-def faults(machine: str, rate: float, seed: int) -> Faults | None:
-    """Faults of the kinds that the guarantee for a machine covers, at a rate from 0 to 1."""
+def faults(machine: str, rate: float, seed: int, *, buffer_report: bool = False) -> Faults | None:
+    """Faults of the kinds that the guarantee for a machine covers, at a rate from 0 to 1.
+
+    `buffer_report`: whether a grbl tells its buffer; else it must not be taken to acknowledge more
+    than it does.
+    """
     if rate == 0:
         return None
     if machine == "marlin":
@@ -42,6 +49,8 @@ def faults(machine: str, rate: float, seed: int) -> Faults | None:
             toward=("lose byte", "double byte", "damage byte"),
             back=("lose answer", "lose byte", "damage byte"),
         )
+    if machine == "grbl" and not buffer_report:
+        return Faults(seed, rate, toward=(), back=("lose answer", "lose byte", "delay"))
     invented = b"\x06" if machine == "fdm1650" else b"ok\n"
     return Faults(seed, rate, toward=(), back=(*_ANSWERS, "invent ok"), acknowledgement=invented)
 
@@ -50,8 +59,9 @@ def open_port(spec: str, machine: Machine) -> VirtualPort:
     """The port of a virtual machine: its name, and settings after a question mark.
 
     `pace`: seconds that a second of the machine takes (0: at once); `faults`: share of frames and
-    answers that suffer one; `seed`; `record=1`: what it lays down is kept; for Marlin its own
-    switches, as `advanced=0`. Raises `InputError` for what is unknown.
+    answers that suffer one; `seed`; `record=1`: what it lays down is kept; for Marlin and grbl
+    their own switches, as `advanced=0` or `buffer_report=1`. Raises `InputError` for what is
+    unknown.
     """
     name, _, query = spec.partition("?")
     if name not in MACHINES:
@@ -71,6 +81,11 @@ def open_port(spec: str, machine: Machine) -> VirtualPort:
     pace, record = numbers["pace"], bool(numbers["record"])
     return VirtualPort(
         MACHINES[name](machine, pace=pace, record=record, **options),
-        faults=faults(name, numbers["faults"], int(numbers["seed"])),
+        faults=faults(
+            name,
+            numbers["faults"],
+            int(numbers["seed"]),
+            buffer_report=options.get("buffer_report", False),
+        ),
         realtime=pace > 0,
     )

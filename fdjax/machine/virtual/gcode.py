@@ -4,28 +4,19 @@ from collections import deque
 
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
+from fdjax.gcode.commands import knows
+from fdjax.gcode.settings import said
 from fdjax.gcode.state import GcodeState
-from fdjax.gcode.words import parse
+from fdjax.gcode.words import command_of
 from fdjax.machine.program import switched_on
 from fdjax.machine.virtual.base import AbstractVirtualMachine
 
 AMBIENT = 21.0
-_HEATING = {"T": 2.0, "B": 0.5}
-"""Degrees a second."""
-COLDEST = 170.0
-"""Below it the nozzle pushes nothing."""
+_NOZZLE, _BED = 2.0, 0.5
+"""Degrees a second, of each nozzle and of the bed."""
 _WAITS = frozenset({"M109", "M190", "G28", "G4", "M400"})
 _MOVES = ("G0", "G1", "G2", "G3")
-_KNOWN = frozenset(
-    f"{letter}{number}"
-    for letter, numbers in (
-        ("G", (0, 1, 2, 3, 4, 17, 18, 19, 20, 21, 28, 90, 91, 92)),
-        ("M", (0, 18, *range(82, 85), *range(104, 108), 109, 110, 112, 114, 115, 117, 118, 140)),
-        ("M", (155, 190, 201, 203, 204, 205, 220, 221, 400, 575)),
-        ("T", (0, 1)),
-    )
-    for number in numbers
-)
+_ALL = frozenset("XYZ")
 
 
 class Heater:
@@ -51,6 +42,10 @@ class Heater:
         return max(0.0, self.target - self.at(now)) / self._rate
 
 
+def _nozzles(state: GcodeState) -> dict[str, float]:
+    return {f"T{tool}": heat for tool, heat in state.nozzles.items()}
+
+
 class AbstractGcodeMachine(AbstractVirtualMachine):
     """A machine that runs one G-code line after the other.
 
@@ -64,7 +59,9 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
 
     def __init__(self, machine: Machine, **options) -> None:
         super().__init__(machine, **options)
-        self.bed = machine.bed
+        self.room = machine.room
+        self.tools = machine.gcode.tools if machine.gcode is not None else 1
+        self.coldest = machine.stream.coldest
         self.state = self._fresh()
         self.heaters = self._heaters()
         self._queue: deque[str] = deque()  # lines accepted, frames included
@@ -72,8 +69,10 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         self._until = 0.0  # when the current line is done
 
     def _heaters(self) -> dict[str, Heater]:
+        """By the names of reports: B, and T0, T1, ... of the nozzles."""
         faster = 1 / self.pace if self.pace else 1e6
-        return {name: Heater(rate * faster) for name, rate in _HEATING.items()}
+        nozzles = {f"T{tool}": Heater(_NOZZLE * faster) for tool in range(self.tools)}
+        return {"B": Heater(_BED * faster), **nozzles}
 
     def _fresh(self) -> GcodeState:
         return switched_on(self.machine, self.dialect)
@@ -104,7 +103,12 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         """Take lines from the receive buffer while the queue has room."""
 
     def _acknowledge(self, line: str) -> None:
-        self.say("ok")
+        if not self._has_answered(line):
+            self.say("ok")
+
+    def _has_answered(self, line: str) -> bool:
+        """Whether the answer to a line was its acknowledgement too: `ok T:...`."""
+        return "M105" in line and self._text(line).startswith("M105")
 
     def _text(self, line: str) -> str:
         """A queued line without its frame."""
@@ -113,14 +117,17 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
     def _begin(self, line: str) -> float:
         """Run a line; when it is done."""
         text = self._text(line)
+        if text[:3] in ("G1 ", "G0 ") and self.state.homed == _ALL:  # in a hurry
+            return self._try("G1", {}, text)
         try:
-            name, words = parse(text)
+            name, at = command_of(text)
         except InputError:
             self._refuse(text)
             return self.now
-        if self._answers_to(name, words):
+        words = said(text, at)
+        if self._answers_to(name):
             return self.now
-        if name not in _KNOWN:
+        if not self._knows(name):
             self._refuse(text)
             return self.now
         if name in _MOVES and not self.state.homed.issuperset(words.keys() & set("XYZ")):
@@ -128,45 +135,79 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
             if refusal:
                 self.say(refusal)
                 return self.now
+        return self._try(name, words, text)
+
+    def _try(self, name: str, words: dict[str, str], text: str) -> float:
+        """Run a command, or say why not; when it is done."""
+        try:
+            until = self._run(name, words, text)
+        except InputError as error:
+            self._complain(str(error))
+            return self.now
         self.ran(text)
-        return self._run(name, words, text)
+        return until
+
+    def _knows(self, name: str) -> bool:
+        if name[:1] == "T" and name[1:].isdigit():
+            return int(name[1:]) < self.tools
+        return knows(self.state.firmware, name)
 
     def _refuse_unhomed(self) -> str:
         """What is said to a move of axes that have not been homed; nothing where it is made."""
         return ""
 
+    def _complain(self, why: str) -> None:
+        """Answer a line that is of the language and cannot be run."""
+        self.say(f"Error:{why}")
+
     def _refuse(self, text: str) -> None:
         self.say(f'echo:Unknown command: "{text}"')
 
-    def _run(self, name: str, words: dict[str, float], text: str) -> float:
+    def _run(self, name: str, words: dict[str, str], text: str) -> float:
         state = self.state
-        until = self._make(self._limited(state.run(text)))
-        if name in ("M104", "M109"):
-            self.heaters["T"].set(state.nozzle, self.now)
-        elif name in ("M140", "M190"):
-            self.heaters["B"].set(state.bed, self.now)
+        place, e = state.on_bed, state.e
+        try:
+            moves = self._limited(state.run(text))
+        except InputError:
+            state.on_bed, state.e = place, e  # what is refused is not made
+            raise
+        until = self._make(moves)
+        if name in _MOVES:
+            return until
+        for heater, target in {**_nozzles(state), "B": state.bed}.items():
+            if heater in self.heaters and self.heaters[heater].target != target:
+                self.heaters[heater].set(target, self.now)
         if name in _WAITS:
             until = self.rest_at
         if name in ("M109", "M190"):
-            until += self.heaters["T" if name == "M109" else "B"].wait(self.now)
+            nozzle = f"T{words.get('T', state.tool)}"
+            heater = self.heaters.get("B" if name == "M190" else nozzle)
+            until += heater.wait(self.now) if heater is not None else 0.0
         return until
 
     def _limited(self, moves: tuple) -> tuple:
         """Cold nozzles push nothing, and soft end stops clamp."""
         if not moves:
             return moves
-        pushes = any(move.volume > 0 for move in moves) and not self.state.power
-        if pushes and self.heaters["T"].at(self.now) < COLDEST:
+        pushes = moves[-1].volume > 0 and not self.state.power  # all of a line, or none
+        if pushes and self._is_cold():
             self.say("echo: cold extrusion prevented")
             moves = tuple(move._replace(volume=0.0) for move in moves)
-        x, y, z = (
-            min(max(place, 0.0), size)
-            for place, size in zip(self.state.on_bed, self.bed, strict=True)
-        )
-        self.state.on_bed = (x, y, z)
+        self._clamp()
         return moves
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _clamp(self) -> None:
+        """Soft end stops, which look at the place on the bed."""
+        (x, y, z), ((a, b, c), (d, e, f)) = self.state.on_bed, self.room
+        if not (a <= x <= d and b <= y <= e and c <= z <= f):
+            self.state.on_bed = (min(max(x, a), d), min(max(y, b), e), min(max(z, c), f))
+
+    def _is_cold(self) -> bool:
+        least = self.coldest if self.state.coldest is None else self.state.coldest
+        heater = self.heaters.get(f"T{self.state.tool}")
+        return heater is not None and heater.at(self.now) < least
+
+    def _answers_to(self, name: str) -> bool:
         """Whether a command is a question, which is answered."""
         if name == "M105":
             self.say(self._temperatures())
@@ -183,11 +224,14 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         return f"X:{x:.3f} Y:{y:.3f} Z:{z:.3f} E:{e:.3f}"
 
     def _temperatures(self) -> str:
-        parts = [
-            f"{name}:{heater.at(self.now):.1f} /{heater.target:.1f}"
+        """Of the nozzle in use first, as Marlin says it; of each where there are several."""
+        bed, *nozzles = (
+            (name, f"{heater.at(self.now):.1f} /{heater.target:.1f}")
             for name, heater in self.heaters.items()
-        ]
-        return " ".join(parts)
+        )
+        used = f"T:{nozzles[self.state.tool % len(nozzles)][1]}"
+        more = [f"{name}:{text}" for name, text in nozzles] if len(nozzles) > 1 else []
+        return " ".join([used, f"B:{bed[1]}", *more])
 
     def _identity(self) -> str:
         return f"FIRMWARE_NAME:{self.firmware}"

@@ -2,10 +2,12 @@
 
 import re
 
+from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
+from fdjax.machine.pushes import check_push
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
-_FRAME = re.compile(r"^N\d+\s*|\s*\*\d+$")
+_FRAME = re.compile(r"^N-?\d+\s*|\s*\*\s*\d+\s*$")
 
 
 class VirtualKlipper(AbstractGcodeMachine):
@@ -49,14 +51,24 @@ class VirtualKlipper(AbstractGcodeMachine):
         if self._down:
             self.say("!! Shutdown due to M112 command")
             return self.now
+        if not self._text(line):  # a number alone is no command, and no fault
+            return self.now
         return super()._begin(line)
 
     def _limited(self, moves: tuple) -> tuple:
+        (a, b, c), (d, e, f) = self.room
         for move in moves:
-            if any(not 0 <= p <= size for p, size in zip(move.end, self.bed, strict=True)):
-                self.say(f"!! Move out of range: {move.end[0]:.3f} {move.end[1]:.3f}")
-                return ()
-        return super()._limited(moves)
+            x, y, z = move.end
+            if not (a <= x <= d and b <= y <= e and c <= z <= f):
+                raise InputError(f"Move out of range: {x:.3f} {y:.3f} {z:.3f}")
+            if move.volume > 0 and self._is_cold():
+                raise InputError("Extrude below minimum temp")
+            if move.volume:
+                check_push(self.state, move, self.machine)
+        return moves
+
+    def _complain(self, why: str) -> None:
+        self.say(f"!! {why}")
 
     def _refuse_unhomed(self) -> str:
         return "!! Must home axis first"
@@ -64,11 +76,18 @@ class VirtualKlipper(AbstractGcodeMachine):
     def _refuse(self, text: str) -> None:
         self.say(f'// Unknown command:"{text.split()[0]}"')
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _temperatures(self) -> str:
+        """Sorted by their names, and no `T:` (heaters.py, `_get_temp`)."""
+        return " ".join(
+            f"{name}:{heater.at(self.now):.1f} /{heater.target:.1f}"
+            for name, heater in sorted(self.heaters.items())
+        )
+
+    def _answers_to(self, name: str) -> bool:
         if name == "M105":
             self.say(f"ok {self._temperatures()}")
             return True
-        return name == "M110" or super()._answers_to(name, words)
+        return name == "M110" or super()._answers_to(name)
 
     def _identity(self) -> str:
         return "FIRMWARE_VERSION:v0.12.0 FIRMWARE_NAME:Klipper"

@@ -3,6 +3,7 @@
 import re
 
 from fdjax.formats.profile import Machine
+from fdjax.gcode.words import code_of
 from fdjax.machine.protocols.base import checksum
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
@@ -145,9 +146,22 @@ class VirtualMarlin(AbstractGcodeMachine):
         return False
 
     def _text(self, line: str) -> str:
-        return _TEXT.sub("", line, count=1).partition("*")[0].strip()
+        text = _TEXT.sub("", line, count=1).partition("*")[0].strip()
+        return code_of(text) if "(" in text else text
+
+    def _clamp(self) -> None:
+        if self.state.settings.get(("M211", "", 1.0), {}).get("S") != "0":
+            super()._clamp()
+
+    def _refuse(self, text: str) -> None:
+        if text[:1] == "T" and text[1:].isdigit():
+            self.say(f"echo:{text} Invalid extruder")
+        else:
+            super()._refuse(text)
 
     def _acknowledge(self, line: str) -> None:
+        if self._has_answered(line):
+            return
         found = _NUMBER.match(line) if self._advanced else None
         if found is None:
             self.say("ok")
@@ -155,7 +169,7 @@ class VirtualMarlin(AbstractGcodeMachine):
         free = 16 - len(self._planned)
         self.say(f"ok N{found[1]} P{max(free, 0)} B{self.queue_length - 1 - len(self._queue)}")
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _answers_to(self, name: str) -> bool:
         if name == "M112":
             self._halt()
             return True
@@ -164,7 +178,7 @@ class VirtualMarlin(AbstractGcodeMachine):
         if name == "M105":
             self.say(f"ok {self._temperatures()} @:0 B@:0")
             return True
-        return super()._answers_to(name, words)
+        return super()._answers_to(name)
 
     def _place(self, x: float, y: float, z: float, e: float) -> str:
         steps = f"Count X:{80 * x:.0f} Y:{80 * y:.0f} Z:{400 * z:.0f}"

@@ -6,7 +6,7 @@ from fdjax.formats.profile import Machine
 from fdjax.machine.protocols.base import checksum
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
-_NUMBER = re.compile(r"^N\d+\s*")
+_NUMBER = re.compile(r"^N-?\d+\s*")
 _DIGITS = re.compile(r"[0-9]{1,3}")
 
 
@@ -49,24 +49,34 @@ class VirtualRepRapFirmware(AbstractGcodeMachine):
             if text:
                 self._queue.append(text)
 
-    def _run(self, name: str, words: dict[str, float], text: str) -> float:
+    def _run(self, name: str, words: dict[str, str], text: str) -> float:
         if name == "M575":
-            self._wants_checksum = words.get("S", 0.0) in (1.0, 3.0)
+            self._wants_checksum = words.get("S") in ("1", "3")
             return self.now
         return super()._run(name, words, text)
+
+    def _clamp(self) -> None:
+        """Its G92 says where the machine is, so its limits go with it."""
+        state = self.state
+        state.on_bed = (state.x, state.y, state.z)
+        super()._clamp()
+        x, y, z = (place + by for place, by in zip(state.on_bed, state.shift, strict=True))
+        state.on_bed = (x, y, z)
 
     def _refuse_unhomed(self) -> str:
         return "Error: G0/G1: insufficient axes homed"
 
     def _refuse(self, text: str) -> None:
-        self.say(f"Error: Bad command: {text}")
+        if text[:1] in "Mm" and text[1:2].isdigit():
+            self.say(f"Warning: {text}: Command is not supported")
+        else:
+            self.say(f"Error: Bad command: {text}")
 
-    def _acknowledge(self, line: str) -> None:
-        if not line.startswith("M105"):
-            self.say("ok")
+    def _complain(self, why: str) -> None:
+        self.say(f"Error: {why}")
 
-    def _answers_to(self, name: str, words: dict[str, float]) -> bool:
+    def _answers_to(self, name: str) -> bool:
         if name == "M105":
             self.say(f"ok {self._temperatures()}")
             return True
-        return name == "M112" or super()._answers_to(name, words)
+        return name in ("M112", "M110", "M21") or super()._answers_to(name)

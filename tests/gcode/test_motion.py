@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fdjax.formats import profile
-from fdjax.machine.motion import MotionTime
+from fdjax.gcode.motion import MotionTime
 from fdjax.machine.program import Program
 from fdjax.machine.survey import survey
 from fdjax.moves import Move

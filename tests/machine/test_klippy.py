@@ -1,0 +1,146 @@
+"""A real host of Klipper's kind judges files and streams; without it, skipped: see `klippy`."""
+
+import contextlib
+import dataclasses
+import random
+import sys
+from pathlib import Path
+
+import klippy
+import pytest
+from streams import PRINTER
+from test_going_on import Writer, cut, go_on
+
+from fdjax.formats import write_file
+from fdjax.machine import connect
+from fdjax.machine.ports import open_port
+from fdjax.machine.program import Program
+from fdjax.machine.protocols import protocol
+from fdjax.machine.resume import Standing
+from fdjax.machine.stream import Stream
+from fdjax.machine.survey import survey
+
+sys.path.append(str(Path(__file__).parents[1] / "formats"))
+from format_samples import small_build
+
+pytestmark = pytest.mark.skipif(
+    klippy.PROGRAM is None, reason="no Kalico; see tests/machine/klippy"
+)
+
+KLIPPER = dataclasses.replace(
+    PRINTER, stream=dataclasses.replace(PRINTER.stream, firmware="klipper")
+)
+HEAD = "G28\nM104 S200\nM109 S200\nM83\nG1 X10 Y10 Z1 F3000\n"
+
+
+def of_mode(relative):
+    return dataclasses.replace(
+        KLIPPER, gcode=dataclasses.replace(KLIPPER.gcode, relative_e=relative)
+    )
+
+
+@pytest.mark.parametrize("relative", [True, False])
+def test_what_fdjax_writes_is_printed(tmp_path, relative):
+    path = tmp_path / "part.gcode"
+    write_file(small_build(), path, of_mode(relative))
+    assert survey(Program(path, KLIPPER)).errors == ()
+    assert klippy.judged(path, tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "refused"),
+    [
+        ("G1 X20 E.5", False),
+        ("G2 X20 Y10 R5", True),
+        ("G2 X20 Y10 I5 J0 E.3", False),
+        ("G91\nG3 X5 I2.5", True),
+        ("G20", True),
+        ("G1 E60 F300", True),
+        ("G1 E49 F300", False),
+        ("G1 Z9 E-51", True),
+        ("G1 X11 E.3", True),
+        ("G1 X11 E.26", False),
+        ("G1 X10.05 E.1", False),
+        ("M221 S50\nG1 X11 E.5", False),
+        ("M221 S150\nG1 X11 E.2", True),
+        ("G1 X20 F0", True),
+        ("G4 S2", False),
+        ("G1 X300", True),
+        ("RESTORE_GCODE_STATE NAME=none", True),
+        ("SAVE_GCODE_STATE NAME=a\nRESTORE_GCODE_STATE NAME=a MOVE=1", False),
+        ("SET_GCODE_OFFSET Z=.1 MOVE=1", False),
+        ("SET_VELOCITY_LIMIT ACCEL=500", False),
+    ],
+)
+def test_the_check_refuses_what_the_host_refuses(tmp_path, line, refused):
+    path = tmp_path / "line.gcode"
+    path.write_text(HEAD + line + "\nG1 Z50\n")
+    assert bool(klippy.judged(path, tmp_path)) is refused
+    errors = survey(Program(path, KLIPPER)).errors
+    assert bool(errors) is refused, errors
+
+
+class Hosted:
+    """A host with a port of ours, as `test_going_on` has virtual machines."""
+
+    firmware = "klipper"
+
+    def __init__(self, program, name):
+        self.program = program
+        self.moves = []
+        self.port = open_port(name, program.machine)
+
+    def stream(self, **more):
+        return Stream(self.program, self.port, protocol("klipper", KLIPPER.stream), **more)
+
+    def place(self):
+        """Where the host says that it is, and the offsets that it has; E of the file only."""
+        self.port.write(b"M114\nGET_POSITION\n")
+        said, until = b"", self.port.now() + 5
+        while said.count(b"ok") < 2 and self.port.now() < until:
+            said += self.port.read(0.1)
+        lines = [line for line in said.decode().splitlines() if line.startswith(("X:", "// gcode"))]
+        return [line.partition(" E:")[0] if line[0] == "/" else line for line in lines]
+
+
+def printable(path, seed):
+    """A print of several objects, without what the host of the tests does not have."""
+    Writer("klipper", seed).write(path)
+    lacking = ("extruder1", "FAN=a", "T1", "T0", "BED_MESH", "SET_RETRACTION")
+    lines = [line for line in path.read_text().splitlines() if not any(w in line for w in lacking)]
+    path.write_text("\n".join(lines) + "\n")
+    return Program(path, KLIPPER)
+
+
+@pytest.mark.parametrize("accident", ["pause", "abort", "kill", "power"])
+def test_the_host_goes_on_as_if_it_had_not_been_cut(tmp_path, accident):
+    for seed in range(5):
+        program = printable(tmp_path / f"{seed}.gcode", 300 + seed)
+        with klippy.host(tmp_path) as name:
+            whole = Hosted(program, name)
+            whole.stream().run()
+            wanted = whole.place()
+            whole.port.close()
+        lines = [command.line for command in program.commands()]
+        line = random.Random(seed).choice(lines[len(lines) // 4 : -3])
+        with contextlib.ExitStack() as hosts:
+            bench = Hosted(program, hosts.enter_context(klippy.host(tmp_path)))
+            reached = cut(bench, accident, line)
+            if accident == "power":
+                bench.port.close()
+                hosts.close()
+                bench = Hosted(program, hosts.enter_context(klippy.host(tmp_path)))
+            if accident != "pause":
+                _, stands, _ = go_on(bench, reached)
+                assert (stands is Standing.LOST) == (accident == "power")
+            assert bench.place() == wanted
+            bench.port.close()
+
+
+def test_the_host_is_recognised(tmp_path):
+    auto = dataclasses.replace(PRINTER.stream, firmware="auto")
+    with klippy.host(tmp_path) as name:
+        port = open_port(name, PRINTER)
+        settled = connect.settled(port, dataclasses.replace(PRINTER, stream=auto))
+        port.close()
+    assert settled.stream.firmware == "klipper"
