@@ -34,6 +34,30 @@ def arc_points(start: Point, centre: Point, sweep: float, *, chord: float = 0.0)
     return points
 
 
+def cubic_points(start: Point, leaving: Point, coming: Point, end: Point) -> list[Point]:
+    """Points after `start` of the cubic with these control points, `SAGITTA` off it at most.
+
+    >>> cubic_points((0.0, 0.0), (1.0, 0.0), (2.0, 0.0), (3.0, 0.0))
+    [(3.0, 0.0)]
+    """
+    bends = [
+        math.hypot(a[0] - 2 * b[0] + c[0], a[1] - 2 * b[1] + c[1])
+        for a, b, c in ((start, leaving, coming), (leaving, coming, end))
+    ]
+    count = max(1, math.ceil(math.sqrt(6 * max(bends) / (8 * SAGITTA)) - 1e-9))
+    points = []
+    for number in range(1, count + 1):
+        t = number / count
+        a, b, c, d = (1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3
+        points.append(
+            (
+                a * start[0] + b * leaving[0] + c * coming[0] + d * end[0],
+                a * start[1] + b * leaving[1] + c * coming[1] + d * end[1],
+            )
+        )
+    return [*points[:-1], end]
+
+
 def between(
     start: Point, end: Point, centre: Point, turn: int, *, chord: float = 0.0
 ) -> list[Point]:

@@ -65,13 +65,20 @@ def _design(arguments: argparse.Namespace) -> None:
 
 
 def _measure(arguments: argparse.Namespace) -> None:
+    from importlib import import_module
+    from threading import Thread
+
     from fdjax.app import measuring
+    from fdjax.formats.gcode_layers import Choice
     from fdjax.units import length
 
     def optional_length(name: str) -> float | None:
         value = getattr(arguments, name)
         return None if value is None else length(value, f"--{name.replace('_', '-')}")
 
+    filament = arguments.filament.split(",") if arguments.filament else None
+    chosen = (tuple(arguments.role), tuple(arguments.object), _layers(arguments.layers))
+    choice = Choice(*chosen) if any(chosen) else None
     question = measuring.Question(
         target=arguments.target,
         quantity="solid" if arguments.solid else "porosity",
@@ -82,14 +89,42 @@ def _measure(arguments: argparse.Namespace) -> None:
         shifted=arguments.shift,
         outline=arguments.outline,
         layer_height=optional_length("layer_height"),
-        filament=optional_length("filament"),
+        filament=filament and [length(each, "--filament") for each in filament],
         machine=arguments.machine,
+        firmware=arguments.firmware,
+        choice=choice,
+        tolerance=arguments.tolerance,
     )
-    answer = measuring.answer(arguments.file, question)
+    # Matplotlib takes long to load: let it do so while the file is read.
+    pictures = Thread(target=import_module, args=["fdjax.view.figures"])
+    pictures.start()
+    try:
+        answer = measuring.answer(arguments.file, question)
+    finally:
+        pictures.join()
     answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"))
     if arguments.json is not None:
         answer.write_json(arguments.json)
     print(answer.table())
+
+
+def _share(text: str) -> float:
+    """A number over 0 and up to 1."""
+    value = float(text)
+    if not 0 < value <= 1:
+        raise ValueError
+    return value
+
+
+def _layers(text: str | None) -> tuple[int, int] | None:
+    """First and last layer of a text such as 3:9, :9, 3: or 3."""
+    if text is None:
+        return None
+    first, _, last = text.partition(":") if ":" in text else (text, "", text)
+    try:
+        return int(first or 1), int(last or 10**9)
+    except ValueError:
+        raise InputError(f"--layers: {text!r}; as 1:20 is needed") from None
 
 
 def _send(arguments: argparse.Namespace) -> None:
@@ -193,10 +228,21 @@ def _parser() -> argparse.ArgumentParser:
     add("--high", type=float, default=1.0, help="what white, or a value 1, stands for (default 1)")
     add("--window", default="5mm", metavar="LENGTH", help="side of the windows (default 5mm)")
     add("--shift", action="store_true", help="shift all windows by half a window")
-    add("--outline", metavar="FILE|WKT", help="what the layers fill, where the file does not say")
+    outline = "what the layers fill (default: what the file says, else told from its roads)"
+    add("--outline", metavar="FILE|WKT", help=outline)
     add("--layer-height", metavar="LENGTH", help="instead of what the file says")
-    add("--filament", metavar="LENGTH", help="filament diameter instead of what the file says")
+    diameter = "filament diameter instead of what the file says; of several tools 1.75,2.85"
+    add("--filament", metavar="LENGTH", help=diameter)
+    speaks = ("marlin", "klipper", "rrf", "grbl")
+    add("--firmware", choices=speaks, help="whose reading of G-code holds, where readings differ")
+    roles = "measure these roads alone, as infill, perimeter, support; all for every one"
+    add("--role", action="append", default=[], metavar="ROLE", help=roles)
+    things = "measure these objects alone, by the names that the slicer gives them"
+    add("--object", action="append", default=[], metavar="NAME", help=things)
+    add("--layers", metavar="A:B", help="measure these layers alone, counted from 1")
     add("--machine", metavar="NAME|FILE", help="machine profile instead of what the file says")
+    scale = "error at which the picture's colours end (default 0.02)"
+    add("--tolerance", type=_share, default=0.02, metavar="SHARE", help=scale)
     place = "where the picture goes (default FILE's name with _porosity.png, here)"
     add("--picture", type=Path, metavar="PNG", help=place)
     add("--json", type=Path, metavar="FILE", help="write all numbers to this file")

@@ -1,6 +1,7 @@
 """What `fdjax measure` does: the porosity that a machine file will have, against a target."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import shapely
 
 from fdjax.errors import InputError
 from fdjax.formats import read_file
+from fdjax.formats.footprint import outlined, with_outlines_of
+from fdjax.formats.gcode_layers import Choice
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
 from fdjax.plan.compare import Comparison, compare
@@ -28,7 +31,10 @@ class Question:
       white, or 0 and 1, stand for.
     - `window`: side of the windows, mm; `shifted`: by half a window in both directions.
     - `outline`: WKT, or a file that holds WKT or GeoJSON, of one or more polygons;
-      `layer_height`, `filament`: mm; `machine`: a profile's name or file.
+      where there is none, that of the outermost perimeters or the footprint of the roads.
+    - `layer_height`: mm; `filament`: mm, one or one a tool; `machine`: a profile's name or file;
+      `firmware`: whose reading of G-code holds.
+    - `choice`: which roads of the file; `tolerance`: error at which the picture's scale ends.
     """
 
     target: str
@@ -40,8 +46,11 @@ class Question:
     shifted: bool = False
     outline: str | None = None
     layer_height: float | None = None
-    filament: float | None = None
+    filament: float | Sequence[float] | None = None
     machine: str | None = None
+    firmware: str | None = None
+    choice: Choice | None = None
+    tolerance: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +100,7 @@ class Answer:
             "travel": sum(layer.travel for layer in layers),
             "layers": len(layers),
             "roads": sum(len(layer.roads) for layer in layers),
+            "reading": dict(self.build.reading),
             "x": self.measurement.x.tolist(),
             "y": self.measurement.y.tolist(),
             "asked": _plain(self.comparison.asked),
@@ -112,6 +122,7 @@ class Answer:
                 f"coverage          {fact['coverage']:8.4f}  of the outline, seen from above",
                 f"volume            {fact['volume']:8.1f}  mm^3",
                 f"travel            {fact['travel']:8.1f}  mm inside layers",
+                *(f"{what:<17} {said}" for what, said in fact["reading"].items()),
             ]
         )
 
@@ -127,6 +138,7 @@ class Answer:
             outline=self.outline,
             title=self.path.name,
             weights=self.measurement.area,
+            tolerance=self.question.tolerance,
         )
         figures.save(figure, path)
 
@@ -146,19 +158,33 @@ def answer(path: str | Path, question: Question) -> Answer:
     """
     path = Path(path)
     outline = None if question.outline is None else Region.of(question.outline).geometry
-    build = read_file(
-        path,
-        machine=question.machine,
-        filament=question.filament,
-        layer_height=question.layer_height,
-        outline=outline,
-    )
+    options = {
+        "machine": question.machine,
+        "filament": question.filament,
+        "layer_height": question.layer_height,
+        "outline": outline,
+        "firmware": question.firmware,
+    }
+    build = read_file(path, choice=question.choice, **options)
     if not any(layer.roads for layer in build.layers):
         raise InputError(f"{path}: holds no roads, so there is no porosity to measure")
     if any(layer.outline is None for layer in build.layers):
-        raise InputError(f"{path}: does not say what outline it fills; name it with --outline")
+        choice = question.choice
+        try:
+            # Chosen roads lie in the outline of the whole part.
+            whole = read_file(path, **options) if choice and choice.roles else build
+            whole, said = outlined(whole)
+        except InputError as fault:
+            raise InputError(f"{path}: {fault}") from None
+        build = with_outlines_of(whole, build)
+        build = build.replace(reading={**build.reading, "outline": said})
     half = 0.5 if question.shifted else 0.0
-    measurement = measure(build, window=question.window, shift=(half, half))
+    try:
+        measurement = measure(build, window=question.window, shift=(half, half))
+    except InputError as fault:
+        said = build.reading.get("outline")
+        more = f"; the outline is {said}, without --outline" if said else ""
+        raise InputError(f"{fault}{more}") from None
     part = _part(build)
     target = read_target(
         question.target,

@@ -36,11 +36,12 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     misses the job's tolerance in a file or breaks a machine limit there; the report and the
     pictures are written all the same, the machine files at fault only if the job says so.
     """
-    part = setting.part_of(job.part)
+    part = setting.part_of(job.part, job.pattern.road_width)
     target = setting.target_of(job.target, part)
     machines = {kind: setting.machine_of(job, kind) for kind in job.files}
     main = setting.machine_of(job, "ssl")
     setting.check_fits(job, part, main)
+    setting.check_lines(job, part, target, main)
     narrow, tips = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
@@ -219,5 +220,6 @@ def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) ->
         outline=outline,
         title=first.path.name,
         weights=first.measurement.area,
+        tolerance=job.target.tolerance,
     )
     figures.save(figure, folder / "porosity.png")

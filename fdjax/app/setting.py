@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+import shapely
 from shapely import Polygon
 
 from fdjax.app.config import Job, TargetSource
@@ -11,43 +13,66 @@ from fdjax.formats import profile
 from fdjax.formats.profile import Machine
 from fdjax.part import curve
 from fdjax.part import part as body
-from fdjax.part.contour import circle, contour
+from fdjax.part.contour import circle, contour, contours
+from fdjax.part.corners import smallest_rectangle
 from fdjax.part.patch import Patch, cosine_top, from_curves, from_polygon, rectangle
 from fdjax.part.region import Region
+from fdjax.part.ring import JOINED, MERGED
+from fdjax.road.bead import section_area
 from fdjax.target.array import array
 from fdjax.target.image import image
 from fdjax.target.target import Target, expression
 
-CURVES = {"polyline": curve.polyline, "spline": curve.spline}
+CURVES = {"polyline": curve.polyline, "spline": curve.smooth}
 
 
-def part_of(part: Part) -> body.Part:
-    """The layers that `[part]` describes, with their four sides where it says them."""
+def part_of(part: Part, road_width: float = 0.0) -> body.Part:
+    """The layers that `[part]` describes, with their four sides where it says them.
+
+    Points of a polygon nearer to each other than `JOINED` of a road (mm) are one; the notes of the
+    part's regions say so.
+    """
     holes = [_hole(hole) for hole in part.holes]
     region: Any
+    merged = max(MERGED, JOINED * road_width)
+    notes: tuple[str, ...] = ()
     if part.shape == "curves":
-        sides = (part.bottom, part.right, part.top, part.left)
-        region = from_curves(*(_side(side) for side in sides if side is not None), holes=holes)
+        region = from_curves(*_sides(part), holes=holes)
     elif part.shape == "polygon":
         source: Any = part.points if part.points is not None else part.wkt or part.file
         # Inline points are in mm already; a file and WKT are in the table's unit.
         unit = "mm" if part.points is not None else part.unit
         if part.corners is not None or part.smooth:
-            polygon = contour(contour(source, unit=unit), holes=holes)
-            region = from_polygon(polygon, corners=part.corners, smooth=part.smooth)
+            (polygon,), notes = contours(source, unit=unit, merged=merged, most=1)
+            holed = contour(polygon, holes=holes)
+            region = from_polygon(holed, corners=part.corners, smooth=part.smooth)
         else:
-            plain = Region.of(source, unit=unit)
-            region = Region.of(plain.geometry, holes=holes) if holes else plain
+            region = Region.of(source, unit=unit, merged=merged)
+            if holes:
+                notes, region = region.notes, Region.of(region.geometry, holes=holes)
     elif part.shape == "rectangle" and part.size is not None:
         region = rectangle(*part.size, holes=holes)
     else:
         top = cosine_top()
         rings = tuple(hole.exterior for hole in holes)
         region = Patch(top.bottom, top.right, top.top, top.left, rings)
-    return body.Part.plate(region, layers=part.layers, height=part.layer_height)
+    plate = body.Part.plate(region, layers=part.layers, height=part.layer_height)
+    return plate.noted(notes) if notes else plate
 
 
-def _side(side: Side) -> curve.Curve:
+def _sides(part: Part) -> list[curve.Curve]:
+    """The four curves, in the order of `from_curves`; errors name the side."""
+    made = []
+    for name in ("bottom", "right", "top", "left"):
+        side = getattr(part, name)
+        try:
+            made.append(_curve(side))
+        except InputError as fault:
+            raise InputError(f"part.{name}: {fault}") from None
+    return made
+
+
+def _curve(side: Side) -> curve.Curve:
     if side.shape == "arc":
         return curve.arc(*side.points)
     return CURVES[side.shape](side.points)
@@ -104,6 +129,30 @@ def check_fits(job: Job, part: body.Part, machine: Machine) -> None:
         low, high = getattr(machine, name)
         if not low <= value <= high:
             raise InputError(f"{name}: {value:g} mm; {machine.name} lays {low:g} to {high:g} mm")
+
+
+def check_lines(job: Job, part: body.Part, target: Target, machine: Machine) -> None:
+    """Raise `InputError` where the target asks for less than one line in a layer."""
+    region = part.slabs[0].region
+    xy = shapely.get_coordinates(region.geometry.segmentize(max(region.area**0.5 / 20, 1e-6)))
+    inside = np.array(shapely.point_on_surface(region.geometry).coords[0])
+    xy = np.concatenate([xy, (xy + inside) / 2])
+    xy = xy[shapely.intersects_xy(region.geometry, xy)]
+    solid = float(np.max(target.solid(xy[:, 0], xy[:, 1], part.slabs[0].height / 2)))
+    height, wide = job.part.layer_height, job.pattern.road_width
+    if job.pattern.width_is_free:
+        wide = min(wide, machine.road_width[0])
+    corners = smallest_rectangle(shapely.get_coordinates(region.geometry))
+    across = float(min(np.hypot(*(corners[1] - corners[0])), np.hypot(*(corners[2] - corners[1]))))
+    families = 2 if job.pattern.mode.startswith("both") else 1
+    per_length = float(section_area(wide, height)) * families / height
+    if solid * across < per_length:
+        least = per_length / across
+        raise InputError(
+            f"target: at most {solid:.3g} solid is asked for, and the part is {across:.3g} mm "
+            f"wide: less than one line a layer; lines {wide:g} mm wide can give {least:.2g} or "
+            "more, a narrower pattern.road_width less"
+        )
 
 
 DEEP = 5.0

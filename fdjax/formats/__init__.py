@@ -4,7 +4,7 @@ import contextlib
 import importlib
 import inspect
 import os
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,7 @@ FORMATS = {
 """Module of each file suffix; loaded on first use.
 
 A module has `write(build, machine)` and `read(text, ...)`, and `fit(build, machine)` where the
-format rounds what the roads are.
+format rounds what the roads are; `READS_BYTES` where `read` is better off without decoded text.
 """
 
 
@@ -71,6 +71,7 @@ def read_file(path: str | Path, **options: Any) -> "Build":
     for.
     """
     reader = module(path).read
+    reads_bytes = getattr(module(path), "READS_BYTES", False)
     given = {name: value for name, value in options.items() if value is not None}
     for name in given:
         if name not in inspect.signature(reader).parameters:
@@ -84,8 +85,10 @@ def read_file(path: str | Path, **options: Any) -> "Build":
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     # Windows' shells rewrite files in UTF-16, and editors put a byte-order mark before UTF-8.
-    encoding = "utf-16" if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
-    text = data.decode(encoding, errors="replace")
+    if data.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        data = data.decode("utf-16", errors="replace").encode()
+    data = data.removeprefix(BOM_UTF8)
+    text = data if reads_bytes else data.decode(errors="replace")
     try:
         return reader(text, **given)
     except InputError as error:

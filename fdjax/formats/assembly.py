@@ -1,7 +1,7 @@
 """Putting a build together from the deposits and comments that a reader meets in a file."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,71 @@ class _MarkedLayer:
     z: float
     height: float
     outline: Outline | None
-    deposits: list[_Deposit]
+    deposits: list[_Deposit] = field(default_factory=list)
+    line: int = 0
+
+
+def _marked_layer(line: str, settings: dict[str, str], outline: Outline | None) -> _MarkedLayer:
+    """The layer that a mark begins. Raises `InputError` for a damaged one."""
+    try:
+        z, height = float(settings["z"]), float(settings["height"])
+    except (KeyError, ValueError):
+        z = height = math.nan
+    if not (math.isfinite(z) and 0 < height < math.inf):
+        raise InputError(f"{line.strip()!r}: z= and a positive height= are needed")
+    return _MarkedLayer(z, height, outline)
+
+
+def _material(settings: dict[str, str], tool: int | None) -> int | None:
+    try:
+        return int(settings["material"]) if "material" in settings else tool
+    except ValueError:
+        raise InputError(f"material {settings['material']!r} is no whole number") from None
+
+
+class Marks:
+    """What fdjax says in comments of a file, each with its line.
+
+    - `layers`: with their lines. `heads`: lines before which a road ends; `own`: of each, the index
+      in `settings` of what it says of the road behind it: whether it is closed, its family and its
+      material or None. `primes`: lines and whether priming begins there.
+    """
+
+    def __init__(self) -> None:
+        self.facts = header.Facts()
+        self.layers: list[_MarkedLayer] = []
+        self.heads: list[int] = []
+        self.own: list[int] = []
+        self.settings: list[tuple[bool, str, int | None]] = [(False, "", None)]
+        self.primes: list[tuple[int, bool]] = []
+        self.ended = False
+        self._known: dict[str, int] = {}
+
+    def feed(self, number: int, line: str) -> None:
+        """Take a comment line. Raises `InputError` for a damaged mark."""
+        own = self._known.get(line)
+        if own is None:
+            own = self._take(number, line)
+        self.heads.append(number)
+        self.own.append(own)
+
+    def _take(self, number: int, line: str) -> int:
+        if self.facts.feed(line):
+            return 0
+        word, settings = header.mark(line) or ("", {})
+        if word == "layer":
+            self.layers.append(_marked_layer(line, settings, self.facts.outline()))
+            self.layers[-1].line = number
+        elif word == "road":
+            family = settings.get("family", "")
+            self.settings.append(("closed" in settings, family, _material(settings, None)))
+            self._known[line] = len(self.settings) - 1
+            return self._known[line]
+        elif word == "prime":
+            self.primes.append((number, "begin" in settings))
+        elif word == "end":
+            self.ended = True
+        return 0
 
 
 class Assembly:
@@ -40,7 +104,6 @@ class Assembly:
 
     def __init__(self) -> None:
         self.facts = header.Facts()
-        self.priming = False
         self.ended = False
         self._layers: list[_MarkedLayer] = []
         self._unmarked: list[_Deposit] = []
@@ -52,17 +115,9 @@ class Assembly:
             return
         word, settings = header.mark(line) or ("", {})
         if word == "layer":
-            try:
-                z, height = float(settings["z"]), float(settings["height"])
-            except (KeyError, ValueError):
-                z = height = math.nan
-            if not (math.isfinite(z) and 0 < height < math.inf):
-                raise InputError(f"{line.strip()!r}: z= and a positive height= are needed")
-            self._layers.append(_MarkedLayer(z, height, self.facts.outline(), []))
+            self._layers.append(_marked_layer(line, settings, self.facts.outline()))
         elif word == "road":
             self._road = settings
-        elif word == "prime":
-            self.priming = "begin" in settings
         elif word == "end":
             self.ended = True
 
@@ -77,18 +132,11 @@ class Assembly:
             closed = "closed" in settings
         else:
             closed = len(path) > 3 and bool((path[0] == path[-1]).all())
-        try:
-            material = int(settings.get("material", material))
-        except ValueError:
-            raise InputError(f"material {settings['material']!r} is no whole number") from None
+        own = _material(settings, material) or 0
         deposit = _Deposit(
-            path, np.asarray(section, float), z, material, settings.get("family", ""), closed
+            path, np.asarray(section, float), z, own, settings.get("family", ""), closed
         )
         (self._layers[-1].deposits if self._layers else self._unmarked).append(deposit)
-
-    def forget(self) -> None:
-        """Leave out the deposits so far: they were priming."""
-        self._unmarked.clear()
 
     @property
     def empty(self) -> bool:

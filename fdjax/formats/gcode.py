@@ -7,6 +7,7 @@ along the filament, before differences are taken, so nothing drifts.
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +19,10 @@ from fdjax.formats.gcode_reader import read
 from fdjax.formats.profile import Gcode, Machine
 from fdjax.formats.template import fill
 from fdjax.plan.toolpath import Build, Layer, Road
-from fdjax.road.bead import section_area
 
 __all__ = ["fit", "read", "write"]
+
+READS_BYTES = True
 
 _XYZ_DECIMALS = 3
 _E_DECIMALS = 5
@@ -62,7 +64,8 @@ def _fit_road(road: Road, origin: NDArray[np.float64]) -> Road | None:
     if len(points) < 2:
         return None
     xy = points[:-1] if road.closed else points
-    return Road(xy, road.width[lasting], road.material, road.closed, road.family)
+    section = None if road.section is None else road.section[lasting]
+    return replace(road, xy=xy, width=road.width[lasting], section=section)
 
 
 def _on_bed(road: Road, origin: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -154,7 +157,7 @@ class _Nozzle:
         self._select(road.material)
         self._travel((float(path[0, 0]), float(path[0, 1])), layer.z)
         self._out.append(road_mark(";", road))
-        volumes = section_area(road.width, layer.height) * np.hypot(*np.diff(path, axis=0).T)
+        volumes = road.areas(layer.height) * np.hypot(*np.diff(path, axis=0).T)
         exact = self._exact.get(self._tool, 0.0) + np.cumsum(volumes) * self._per_volume
         laid = np.round(exact, _E_DECIMALS)
         e = np.diff(laid, prepend=self._laid) if self._tables.relative_e else laid - self._zero

@@ -3,194 +3,254 @@
 import math
 import re
 from collections.abc import Sequence
-from itertools import chain
 
 import numpy as np
 
 from fdjax.errors import InputError
 from fdjax.formats import header
-from fdjax.formats.assembly import Assembly, option
+from fdjax.formats.assembly import Marks, option
+from fdjax.formats.gcode_layers import Choice, flat_roads, layers_of
+from fdjax.formats.gcode_track import Track, track
 from fdjax.formats.profile import Machine
-from fdjax.gcode.firmware import firmware_of
+from fdjax.formats.slicers import Comments, Settings, settings_of
+from fdjax.gcode.firmware import KLIPPER, MARLIN, REPRAP, Firmware, firmware_of
 from fdjax.gcode.state import GcodeState
-from fdjax.gcode.words import NoCommand, code_of
-from fdjax.moves import Move, Point
-from fdjax.plan.toolpath import Build, Outline
+from fdjax.plan.toolpath import Build, Layer, Outline
+from fdjax.road.bead import road_width
 
-_FOREIGN_LAYER = re.compile(r"\s*;\s*(LAYER:|LAYER_CHANGE)")
-_OWN_FILAMENT = re.compile(r"fdjax (?:filament|flow) [=+].*")
-_FOREIGN_FILAMENT = re.compile(r"^; filament_diameter = ([\d.]+(?:[,;][\d.]+)*)\s*$", re.MULTILINE)
+_OWN_FILAMENT = re.compile(rb"fdjax (?:filament|flow) [=+].*")
+_TOOLS = 100
+_BACKWARDS = 1 / 3
+"""Share of moves with E above which its being absolute makes no sense: they would lay nothing."""
 
 
 def read(
-    text: str,
+    text: str | bytes,
     *,
     machine: Machine | None = None,
     filament: float | Sequence[float] | None = None,
     layer_height: float | None = None,
     outline: Outline | None = None,
+    firmware: str | None = None,
+    choice: Choice | None = None,
 ) -> Build:
     """The roads that a G-code file lays, with the widths that its E values give them.
 
-    The file is followed by `gcode.state`, the interpreter that also checks and streams it, as the
-    machine's firmware reads it (Marlin's, where no machine says another); arcs become polylines,
-    and lines that are no command are passed over. Only XY moves that push filament out deposit:
-    what a retraction (a wipe included) took back is owed first. Deposits that fdjax marks as
-    priming, or that stand before a slicer's first `;LAYER:` or `;LAYER_CHANGE`, are left out.
+    The file is followed by `gcode.state`, the interpreter that also checks and streams it; arcs
+    become polylines. Only XY moves that push filament out deposit: what a retraction (a wipe
+    included) took back is owed first. Left out are deposits that are no part: what fdjax marks as
+    priming; what slicers call skirt, brim, support, wipe tower or custom; what stands before their
+    first layer, or higher than the first layer before it; roads outside `outline`.
 
-    Filament diameter (mm; one, or one a tool) and flow factor are those of the argument, else the
-    file's header, else a slicer's `; filament_diameter =`, else `machine`. `layer_height` (mm) and
-    `outline` replace what the file says of them; where it says nothing, a layer's height is the
-    difference of the z's of deposits.
+    - `firmware`: marlin, klipper, rrf or grbl, whose reading holds; else the machine's, else what
+      the slicer says, else that of Marlin, or of another where E makes no sense by Marlin's.
+    - `filament`: diameter, mm, one or one a tool; else (with the flow factor) that of the file's
+      header, else what a slicer says in a comment, else the machine's.
+    - `layer_height` (mm), `outline`: instead of what the file says. `fdjax.formats.gcode_layers`
+      has where heights are from otherwise.
+    - `choice`: roles, objects and layers that are asked for; the part where it is None.
 
-    Raises `InputError`, with the line, for text that is no G-code, a damaged word, a file of fdjax
-    that is truncated, a file that deposits nothing or deposits while Z moves, what the interpreter
-    cannot follow, or an unknown filament diameter.
+    The build's `reading` says what was used. Raises `InputError`, with the line, for text that is
+    no G-code, a damaged word, a file of fdjax that is truncated, a file that deposits nothing, what
+    the interpreter cannot follow, layers whose height cannot be told, or an unknown filament
+    diameter.
     """
     given = [filament] if isinstance(filament, int | float) else list(filament or ())
     for diameter in given:
         option(diameter, "filament")
     option(layer_height, "layer height")
-    if "\0" in text:
+    data = text.encode() if isinstance(text, str) else text
+    if b"\0" in data:
         raise InputError("not G-code: the file is binary")
-    extrusion = machine.gcode.extrusion if machine is not None and machine.gcode else None
-    stated, flow = _stated(text)
-    diameters = given or stated or ([extrusion.filament] if extrusion else [])
-    areas = [math.pi / 4 * diameter**2 for diameter in diameters] or [1.0]
-    state = GcodeState(
-        firmware_of(machine.stream.firmware if machine is not None else ""),
-        filament_area=areas[0],
-        areas=dict(enumerate(areas)),
-        flow=flow or (extrusion.flow if extrusion else 1.0),
-    )
-    assembly = Assembly()
-    printer = _Printer(assembly, state)
-    number = 0
-    try:
-        plain, points, pushed = state.plain, printer.points, printer.pushed
-        for number, line in enumerate(text.splitlines(), 1):
-            move = plain(line)
-            if move is None:
-                for move in printer.line(line):
-                    printer.take(move, line, number)
-            elif points and move[3] > 0 and not (move[4] or printer.owed) and " Z" not in line:
-                points.append(move[1])  # what `take` does with a road that goes on
-                pushed.append(move[3])
-            else:
-                printer.take(move, line, number)
-        printer.close()
-    except InputError as error:
-        raise InputError(f"G-code line {number}: {error}") from None
-    if not (printer.commanded or state.motion) and assembly.empty:
-        raise InputError(f"not G-code: no G, M or T command in its {number} lines")
-    if assembly.facts.written_by_fdjax and not assembly.ended:
-        raise InputError(f"G-code line {number}: the file is truncated: no end mark of fdjax")
-    if assembly.empty:
-        raise InputError(f"G-code: nothing is deposited in its {number} lines")
-    if printer.sloping:
-        raise InputError(
-            f"G-code line {printer.sloping}: deposits while Z moves; only flat layers can be read"
-        )
-    if not diameters and printer.by_length:
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    settings = settings_of(data)
+    followed = _Followed(data, settings, machine, given, firmware)
+    found, marks = followed.track, followed.marks
+    by_fdjax = marks.facts.written_by_fdjax
+    empty = not len(found.line) and not marks.layers
+    if not found.commanded and empty:
+        raise InputError(f"not G-code: no G, M or T command in its {found.lines} lines")
+    if by_fdjax and not marks.ended:
+        raise InputError(f"G-code line {found.lines}: the file is truncated: no end mark of fdjax")
+    if empty:
+        raise InputError(f"G-code: nothing is deposited in its {found.lines} lines")
+    if not followed.diameters and found.by_length:
         raise InputError(
             "G-code: the file does not say the filament's diameter; give it (often 1.75 mm)"
         )
-    return assembly.build(unit=1.0, layer_height=layer_height, outline=outline)
+    # Bambu's T255 and T1000 are no tools.
+    tools = int(found.tool.max(initial=0, where=found.tool < _TOOLS)) + 1
+    if 1 < len(followed.diameters) < tools:
+        raise InputError(
+            f"G-code: tool {tools - 1} deposits, and {len(followed.diameters)} filament diameters "
+            "are told, for the tools from 0 on"
+        )
+    reading = dict(followed.reading)
+    if marks.layers:
+        layers = _marked_layers(found, marks, layer_height, outline)
+    else:
+        layers, more = layers_of(
+            found,
+            followed.comments,
+            settings,
+            layer_height=layer_height,
+            outline=outline,
+            choice=choice or Choice(),
+        )
+        reading |= more
+    if found.unknown:
+        said = [f"{name} (line {number})" for name, number in list(found.unknown.items())[:9]]
+        more = len(found.unknown) - len(said)
+        reading["passed over"] = ", ".join(said) + (f" and {more} more" if more else "")
+    origin = marks.facts.numbers("origin", 2) or (0.0, 0.0)
+    return Build(
+        layers,
+        name=marks.facts.get("name") or "part",
+        origin=(origin[0], origin[1]),
+        notes=marks.facts.notes,
+        reading={} if by_fdjax else reading,
+    )
 
 
-def _stated(text: str) -> tuple[list[float], float | None]:
-    """Filament diameters, mm, and flow that a file states, wherever: slicers do at its end."""
+class _Followed:
+    """A file that the interpreter has gone through: its track, comments and marks."""
+
+    def __init__(
+        self,
+        data: bytes,
+        settings: Settings,
+        machine: Machine | None,
+        given: Sequence[float],
+        firmware: str | None,
+    ) -> None:
+        self._data = data
+        self._settings = settings
+        self.reading: dict[str, str] = {}
+        extrusion = machine.gcode.extrusion if machine is not None and machine.gcode else None
+        own, flow = _stated(data)
+        choices = (
+            (list(given), "as given"),
+            (own, "the file's header"),
+            (list(settings.diameters), "the slicer's comments"),
+            ([extrusion.filament] if extrusion else [], "the machine"),
+        )
+        self.diameters, whence = next((c for c in choices if c[0]), ([], ""))
+        self._flow = flow or (extrusion.flow if extrusion else 1.0)
+        if whence:
+            told = ", ".join(f"{diameter:g}" for diameter in self.diameters)
+            self.reading["filament"] = f"{told} mm, {whence}"
+        if settings.volumetric:
+            self.reading["filament"] = "E is mm^3, as the slicer's comments say"
+        of_machine = machine.stream.firmware if machine is not None else ""
+        named = firmware or (of_machine if firmware_of(of_machine).name == of_machine else "")
+        named = named or settings.firmware
+        self._run(firmware_of(named))
+        if not named and self.track.disputed:
+            self._compare()
+
+    def _run(self, firmware: Firmware) -> None:
+        areas = [math.pi / 4 * diameter**2 for diameter in self.diameters] or [1.0]
+        state = GcodeState(
+            firmware,
+            filament_area=areas[0],
+            areas=dict(enumerate(areas)),
+            flow=self._flow,
+            volumetric=self._settings.volumetric,
+        )
+        self.comments, self.marks = Comments(), Marks()
+        self.track = track(
+            self._data,
+            state,
+            comment=self._comment,
+            thing=self.comments.thing,
+            keeps_short=lambda: self.marks.facts.get("version") is not None,
+            behind=self.comments.behind if self._settings.slicer == "Slic3r" else None,
+        )
+
+    def _comment(self, line: int, text: str) -> None:
+        if "fdjax " in text:
+            self.marks.feed(line, text)
+        else:
+            self.comments.feed(line, text)
+
+    def _compare(self) -> None:
+        """The reading under which E makes sense, where firmwares differ."""
+        runs = []
+        for firmware in (MARLIN, KLIPPER, REPRAP):
+            try:
+                self._run(firmware)
+            except InputError:
+                continue  # its language is another
+            runs.append((firmware, self.track, self.comments, self.marks))
+        sensible = [run for run in runs if run[1].backwards <= _BACKWARDS] or runs
+        firmware, self.track, self.comments, self.marks = sensible[0]
+        volumes = {run[0].name: float(run[1].volume.sum()) for run in runs}
+        own = volumes.pop(firmware.name)
+        others = [
+            f"{name} would lay {volume:.1f} mm^3"
+            for name, volume in volumes.items()
+            if not math.isclose(volume, own, rel_tol=1e-6)
+        ]
+        if others:
+            said = f"G90 and E as in {firmware.name}: {own:.1f} mm^3; {', '.join(others)}"
+            self.reading["firmware"] = said
+
+
+def _stated(data: bytes) -> tuple[list[float], float | None]:
+    """Filament diameter, mm, and flow that a file of fdjax states."""
     facts = header.Facts()
-    for fact in _OWN_FILAMENT.findall(text):
-        facts.feed(fact)
+    for fact in _OWN_FILAMENT.findall(data):
+        facts.feed(fact.decode(errors="replace"))
     own, flow = facts.positive("filament"), facts.positive("flow")
-    if own is not None:
-        return [own], flow
-    said = _FOREIGN_FILAMENT.search(text)
-    diameters = [float(number) for number in re.split("[,;]", said[1])] if said else []
-    return [diameter for diameter in diameters if diameter > 0], flow
+    return ([own] if own is not None else []), flow
 
 
-class _Printer:
-    """Gathers what a state deposits along the file into roads."""
-
-    def __init__(self, assembly: Assembly, state: GcodeState) -> None:
-        self._assembly = assembly
-        self._state = state
-        self._tool = state.tool
-        self.owed = 0.0  # of material, mm^3, pulled back and not yet returned
-        self._owings: dict[int, float] = {}  # of tools that are not in use
-        self._seen_layer = False
-        self.points: list[Point] = []
-        self.pushed: list[float] = []
-        self.commanded = False
-        self.by_length = False
-        self.sloping = 0
-
-    def line(self, line: str) -> tuple[Move, ...]:
-        """Take one line of the file to the state; the moves that it makes."""
-        code = "" if line[:1] == ";" else code_of(line)
-        if not code:
-            self._comment(line)
-            return ()
-        self.commanded = self.commanded or (code[0] in "GMTgmt" and code[1:2].isdigit())
-        try:
-            moves = self._state.run(code)
-        except NoCommand:
-            return ()
-        if self._state.tool != self._tool:
-            self.close()
-            self._owings[self._tool] = self.owed
-            self._tool = self._state.tool
-            self.owed = self._owings.get(self._tool, 0.0)
-        return moves
-
-    def _comment(self, line: str) -> None:
-        if "fdjax " in line:
-            self.close()  # before the next road's or layer's facts are taken
-            self._assembly.comment(line)
-        elif _FOREIGN_LAYER.match(line) and not self._assembly.facts.get("version"):
-            self.close()
-            if not self._seen_layer:
-                self._assembly.forget()
-                self.sloping = 0
-            self._seen_layer = True
-
-    def take(self, move: Move, line: str, number: int) -> None:
-        """Take a move that a line, of this number, makes."""
-        start, end, _, volume, _ = move
-        if volume < 0:
-            self.owed -= volume
-        elif self.owed and volume:
-            paid = min(self.owed, volume)
-            self.owed -= paid
-            volume -= paid
-        moved = start[0] != end[0] or start[1] != end[1]
-        if moved and (volume > 0 or (volume == 0 and self._is_short_road(line))):
-            if self._assembly.priming:
-                return
-            if not self.points:
-                self.points.append(start)
-            self.points.append(end)
-            self.pushed.append(volume)
-            if start[2] != end[2]:
-                self.sloping = self.sloping or number
-        elif moved or start[2] != end[2] or volume < 0:
-            self.close()
-
-    def _is_short_road(self, line: str) -> bool:
-        """In a file of fdjax a segment may be so short that its E is rounded to nothing."""
-        return self._assembly.facts.get("version") is not None and "E" in code_of(line).upper()
-
-    def close(self) -> None:
-        """End the road that is being laid, if any."""
-        if self.points:
-            count = len(self.points)
-            flat = np.fromiter(chain.from_iterable(self.points), float, 3 * count)
-            path = flat.reshape(count, 3)[:, :2]
-            steps = path[1:] - path[:-1]
-            section = np.array(self.pushed) / np.hypot(steps[:, 0], steps[:, 1])
-            self._assembly.add(path, section, z=self.points[-1][2], material=self._tool)
-            self.points.clear()
-            self.pushed.clear()
-            self.by_length = self.by_length or not self._state.volumetric
+def _marked_layers(
+    found: Track, marks: Marks, layer_height: float | None, outline: Outline | None
+) -> tuple[Layer, ...]:
+    """The layers that fdjax has marked."""
+    lines = np.array([layer.line for layer in marks.layers])
+    layer = np.searchsorted(lines, found.line, side="right") - 1
+    prime_lines = np.array([0, *(line for line, _ in marks.primes)])
+    primes = np.array([False, *(primes for _, primes in marks.primes)])
+    laid = (layer >= 0) & ~primes[np.searchsorted(prime_lines, found.line, side="right") - 1]
+    heads = np.array([0, *marks.heads])
+    head = np.searchsorted(heads, found.line, side="right") - 1
+    names = ("", *sorted({name for _, name, _ in marks.settings} - {""}))
+    index = {name: number for number, name in enumerate(names)}
+    codes = np.array([[c, index[name], -1 if m is None else m] for c, name, m in marks.settings])
+    number = np.concatenate([[0], marks.own])[head]
+    slopes = np.flatnonzero(laid & (found.start[:, 2] != found.end[:, 2]))
+    if len(slopes):
+        raise InputError(
+            f"G-code line {found.line[slopes[0]]}: deposits while Z moves; only flat layers can be "
+            "read"
+        )
+    origin = np.asarray(marks.facts.numbers("origin", 2) or (0.0, 0.0))
+    layers = []
+    for at, mark in enumerate(marks.layers):
+        own = np.flatnonzero(laid & (layer == at))
+        height = layer_height or mark.height
+        filled = mark.outline if outline is None else outline
+        if not len(own):
+            layers.append(Layer(mark.z, height, (), filled))
+            continue
+        start, end = found.start[own, :2], found.end[own, :2]
+        section = found.volume[own] / np.hypot(*(end - start).T)
+        groups = np.stack([found.road[own], head[own]], 1)
+        told = codes[number[own]]
+        roads = flat_roads(
+            start - origin,
+            end - origin,
+            groups,
+            road_width(section, height),
+            None,
+            np.where(told[:, 2] >= 0, told[:, 2], found.tool[own]),
+            np.zeros(len(own), int),
+            names,
+            family=told[:, 1],
+            closed=told[:, 0].astype(bool),
+        )
+        layers.append(Layer(mark.z, height, roads, filled))
+    return tuple(layers)

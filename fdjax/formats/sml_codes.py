@@ -67,7 +67,8 @@ def fit_road(road: Road, height: float, origin: Floats, sml: Sml, carry: Carry) 
             f"({x}, {y}) microsteps on the bed is out of range; SML holds +-{FARTHEST}"
         )
     lasting = (np.diff(steps, axis=0) != 0).any(axis=1)
-    steps, width = np.vstack([steps[:1], steps[1:][lasting]]), road.width[lasting]
+    width = road.width if road.section is None else road_width(road.section, height)
+    steps, width = np.vstack([steps[:1], steps[1:][lasting]]), width[lasting]
     steps, width = _without_spikes(steps, width)
     if len(width) == 0:
         return ()

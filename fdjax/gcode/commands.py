@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from fdjax.errors import InputError
 from fdjax.gcode.firmware import Firmware
 from fdjax.gcode.record import Record
 from fdjax.gcode.settings import forget
@@ -9,6 +10,8 @@ from fdjax.gcode.settings import forget
 Words = Mapping[str, float]
 Parameters = Mapping[str, str]
 """Klipper's, by their names."""
+
+_ELSEWHERE = "moves the zero of coordinates to where the file does not say"
 
 
 def _heat(record: Record, words: Words) -> None:
@@ -23,6 +26,8 @@ def _heat_tool(record: Record, words: Words) -> None:
     The position that is reported stays as it was: Marlin takes what it pulls back away behind it
     (planner.cpp, `apply_retract`), Klipper's macros save and restore it.
     """
+    if "L" in words:
+        raise InputError(f"G10 with L{words['L']:g} {_ELSEWHERE}")
     if "P" in words:
         _heat(record, {**words, "T": words["P"]})
     elif record.firmware.extrudes:
@@ -159,6 +164,12 @@ def _lose(record: Record, words: Words) -> None:
     record.forget()
 
 
+def _end_shift(record: Record, words: Words) -> None:
+    """G92.1: grbl takes G92's shift away, Marlin as it is built does nothing (G92.cpp)."""
+    if record.shift != (0.0, 0.0, 0.0):
+        raise InputError("G92.1 ends the shift of G92 with some machines only; leave both out")
+
+
 def select(record: Record, tool: int) -> None:
     """A change of tool. E goes on from where it was (Marlin: one `current_position.e`)."""
     record.tool = tool
@@ -176,6 +187,7 @@ SETTERS: dict[str, Callable[[Record, Words], None]] = {
     "G90": _set_axes(True),
     "G91": _set_axes(False),
     "G92": _set_position,
+    "G92.1": _end_shift,
     "M3": _set_power("M3"),
     "M4": _set_power("M4"),
     "M5": _set(power=0.0),
@@ -200,6 +212,25 @@ SETTERS: dict[str, Callable[[Record, Words], None]] = {
     "M221": _set_flow,
     **dict.fromkeys(_LOST, _lose),
 }
+
+_PROGRAM = "is part of a program, which only its own firmware can run"
+UNFOLLOWED = {
+    **dict.fromkeys(("G52", "G55", "G56", "G57", "G58", "G59"), _ELSEWHERE),
+    **dict.fromkeys(("G59.1", "G59.2", "G59.3", "G53"), _ELSEWHERE),
+    **dict.fromkeys(("WHILE", "IF", "ELIF", "ELSE", "VAR", "GLOBAL", "SET", "BREAK"), _PROGRAM),
+    "RESTORE_GCODE_STATE": "brings back modes and places that are not followed",
+    "G5.1": "is a spline that cannot be followed",
+    "G6": "moves motors by steps that the file does not hold",
+    "G7": "counts X as a diameter",
+    "G16": "counts in polar coordinates",
+    "G51": "scales coordinates",
+    "G68": "turns coordinates",
+    "G90.1": "gives centres of arcs another meaning",
+    "M32": "prints another file",
+    "M605": "may print copies",
+    "M808": "repeats lines from the machine's card",
+}
+"""Commands that change what is deposited and cannot be followed, and why."""
 
 
 def _heat_by_name(record: Record, words: Parameters) -> None:

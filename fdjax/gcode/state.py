@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from fdjax import arcs
 from fdjax.errors import InputError
 from fdjax.gcode import settings
-from fdjax.gcode.commands import EXTENDED, SETTERS, passes_over, select
+from fdjax.gcode.commands import EXTENDED, SETTERS, UNFOLLOWED, passes_over, select
 from fdjax.gcode.record import Record
 from fdjax.gcode.words import PLAIN, Refused, command_of, end_of_name, words_of
 from fdjax.moves import Move, Point
@@ -21,7 +21,7 @@ from fdjax.moves import Move, Point
 HOMING_SPEED = 40.0
 """mm/s, assumed of homing."""
 
-MOTION = frozenset({"G0", "G1", "G2", "G3"})
+MOTION = frozenset({"G0", "G1", "G2", "G3", "G5"})
 """Commands that words alone go on with."""
 _STRICT = MOTION | {"G92"}
 """A letter alone is what a cut-off line ends in, so their words must have numbers."""
@@ -102,6 +102,10 @@ class GcodeState(Record):
         firmware = self.firmware
         if name in firmware.refused:
             raise Refused(f"{name} is refused: {firmware.refused[name]}")
+        if (name in UNFOLLOWED or name[0] == "O") and name != firmware.restore:
+            raise InputError(f"{name} {UNFOLLOWED.get(name, 'is a program of another control')}")
+        if name == "G5" and not firmware.splines:
+            raise InputError(f"G5 is a spline, which {firmware.name} does not lay")
         moves: tuple[Move, ...] = ()
         if passes_over(firmware, name):
             if firmware.refuses_unknown:
@@ -201,7 +205,9 @@ class GcodeState(Record):
             names.insert(0, self.motion)
         if not self.firmware.runs_all:
             first, second = names[:2]
-            raise InputError(f"{second} stands behind {first}: only the first would be run")
+            raise InputError(
+                f"{second} stands behind {first}: {self.firmware.name} would run the first only"
+            )
         words = _BLOCK.sub("", code)
         moves: tuple[Move, ...] = ()
         for name in sorted(names, key=lambda name: command_of(name)[0] in MOTION):
@@ -209,7 +215,7 @@ class GcodeState(Record):
         return moves
 
     def move(self, name: str, words: Mapping[str, float]) -> tuple[Move, ...]:
-        """Make the motion of G0 to G3."""
+        """Make the motion of G0 to G3 or G5."""
         other = words.keys() & _OTHER_AXES
         if other:
             axis = min(other)
@@ -239,6 +245,8 @@ class GcodeState(Record):
             self.know(words.keys() - {"E"} if self.relative_e else words.keys())
         if name in ("G2", "G3"):
             return self._arc(name, words, start, volume)
+        if name == "G5":
+            return self._spline(words, start, volume)
         return (self._straight(start, end, volume),)
 
     def _straight(self, start: Point, end: Point, volume: float) -> Move:
@@ -272,11 +280,28 @@ class GcodeState(Record):
         if not math.dist(start[:2], centre) < _LARGEST_RADIUS:
             raise InputError(f"an arc of more than {_LARGEST_RADIUS:g} mm radius cannot be meant")
         points = arcs.between(start[:2], end[:2], centre, turn, chord=firmware.chord)
+        return self._along(points, start, volume)
+
+    def _spline(self, words: Mapping[str, float], start: Point, volume: float) -> tuple[Move, ...]:
+        """Marlin's G5 (G5.cpp): I, J lead away from the start, P, Q from the end."""
+        k, end = self.scale, self.on_bed
+        leaving = (start[0] + words.get("I", 0.0) * k, start[1] + words.get("J", 0.0) * k)
+        coming = (end[0] + words.get("P", 0.0) * k, end[1] + words.get("Q", 0.0) * k)
+        points = arcs.cubic_points(start[:2], leaving, coming, end[:2])
+        return self._along(points, start, volume)
+
+    def _along(
+        self, points: list[tuple[float, float]], start: Point, volume: float
+    ) -> tuple[Move, ...]:
+        """Straight moves to points, the last of them the end, that share a volume by length."""
+        end = self.on_bed
+        steps = [math.dist(a, b) for a, b in zip([start[:2], *points], points, strict=False)]
+        whole = math.fsum(steps)
         count = len(points)
         moves, before = [], start
         for number, (x, y) in enumerate(points, 1):
             after = (x, y, start[2] + (end[2] - start[2]) * number / count)
-            share = volume / count
+            share = volume * steps[number - 1] / whole if whole else volume / count
             moves.append(self._straight(before, after, share))
             before = after
         return tuple(moves)

@@ -381,6 +381,8 @@ class _Surveyor:
                 right = "M104 S0, M140 S0 and M5 turn them off"
                 self._say("warning", "left on", f"{', '.join(on)} at the end of the file; {right}")
         self._line = 0
+        if self._commands and self._firmware in _PRINTERS and not (self._volume or self._macros):
+            self._say("error", "empty", "nothing is deposited; E pushes filament, in G1 to G3")
         if not self._united and self._moves.corners():
             self._say("warning", "units", "no G21 or G20 states the units; G21 is right for mm")
         named = self._facts.get("machine", self._machine.name)

@@ -22,6 +22,7 @@ def contour(
     *,
     holes: Iterable[Hole] = (),
     unit: str = "mm",
+    merged: float = MERGED,
 ) -> Polygon:
     """A simple polygon with holes, in mm, outline counter-clockwise and holes clockwise.
 
@@ -31,8 +32,9 @@ def contour(
       a file name.
     - `holes`: more holes, each a polygon (see `circle`), a ring or points.
     - `unit`: of all coordinates, holes included: any unit of `fdjax.units`.
+    - `merged`: points nearer than this to the one before are left out, mm.
 
-    Third coordinates are dropped, and so are points that repeat the one before. Raises
+    Third coordinates are dropped. Raises
     `InputError` with the place for a ring that does not close (files, WKT and GeoJSON repeat the
     first point), crosses or touches itself, has fewer than three distinct points, a point that is
     not finite or no area; for holes that are not inside the outline or not apart; and for a file
@@ -41,7 +43,7 @@ def contour(
     >>> contour("POLYGON ((0 0, 2 0, 2 1, 0 1, 0 0))", unit="cm").area
     200.0
     """
-    polygons, _ = contours(source, holes=holes, unit=unit, most=1)
+    polygons, _ = contours(source, holes=holes, unit=unit, merged=merged, most=1)
     return polygons[0]
 
 
@@ -51,11 +53,12 @@ def contours(
     holes: Iterable[Hole] = (),
     unit: str = "mm",
     straight: float = 0.0,
+    merged: float = MERGED,
     most: int | None = None,
 ) -> tuple[tuple[Polygon, ...], tuple[str, ...]]:
     """The polygons of a source that may hold several, and notes of what was left out of them.
 
-    `source`, `holes`, `unit` and errors as for `contour`; `straight` as for
+    `source`, `holes`, `unit`, `merged` and errors as for `contour`; `straight` as for
     `fdjax.part.ring.mended_ring`. A hole of `holes` goes to the polygon it lies in. Raises
     `InputError` also for polygons that overlap or touch along an edge, for none, and for more
     than `most`.
@@ -66,7 +69,7 @@ def contours(
     if not sources or count > (most or count):
         need = "one is needed" if most == 1 else "at least one is needed"
         raise InputError(f"{name}: holds {count} polygons; {need}")
-    mending = {"merged": MERGED / factor, "straight": straight}
+    mending = {"merged": merged / factor, "straight": straight}
     more = list(holes)
     polygons, notes = [], []
     for k, rings in enumerate(sources, 1):

@@ -84,7 +84,7 @@ def _named(xy: Floats, corners: Floats) -> Floats:
 
 def _chosen(xy: Floats) -> Floats:
     """The places of four corners by the rule of `four_sides`."""
-    rectangle = _smallest_rectangle(xy)
+    rectangle = smallest_rectangle(xy)
     at = _nearest_vertices(xy, rectangle)
     if not _in_order(at):
         at, _ = _nearest_places(xy, rectangle)
@@ -106,7 +106,7 @@ def _size(xy: Floats) -> float:
     return float(np.ptp(xy, axis=0).max())
 
 
-def _smallest_rectangle(xy: Floats) -> Floats:
+def smallest_rectangle(xy: Floats) -> Floats:
     """Corners of the smallest rectangle around the points, counter-clockwise, shape (4, 2).
 
     One side of the smallest rectangle lies along an edge of the convex hull, so every edge is

@@ -126,13 +126,15 @@ def arc(start: ArrayLike, through: ArrayLike, end: ArrayLike) -> Curve:
     """The circular arc from `start` by `through` to `end`, mm, parametrised by its angle.
 
     As cubics that leave the circle by less than 1e-9 of its radius. Raises `InputError`
-    when the three points lie on one line.
+    when the three points lie on one line, or the arc ends where it starts.
     """
     a, b, c = (as_point(p, "arc") for p in (start, through, end))
     ab, ac = b - a, c - a
+    if (a == c).all():
+        raise InputError(f"arc: ends where it starts, at {_at(a)}; a full circle is two arcs")
     cross = 2 * (ab[0] * ac[1] - ab[1] * ac[0])
     if abs(cross) < 1e-12 * (ab @ ab + ac @ ac):
-        raise InputError(f"arc: {a}, {b} and {c} lie on one line; use a polyline")
+        raise InputError(f"arc: {_at(a)}, {_at(b)} and {_at(c)} lie on one line; use a polyline")
     centre = a + np.array([ac[1] * (ab @ ab) - ab[1] * (ac @ ac),
                            ab[0] * (ac @ ac) - ac[0] * (ab @ ab)]) / cross  # fmt: skip
     radius = float(np.hypot(*(a - centre)))
@@ -146,6 +148,10 @@ def arc(start: ArrayLike, through: ArrayLike, end: ArrayLike) -> Curve:
     points[0], points[-1] = a, c
     # a cubic with the circle's tangents at both ends leaves it by angle^4 / 384
     return _hermite(s, points, sweep * radius * np.stack([-np.sin(theta), np.cos(theta)], 1))
+
+
+def _at(point: Floats) -> str:
+    return f"({point[0]:g}, {point[1]:g})"
 
 
 def as_points(points: ArrayLike, what: str) -> Floats:
@@ -176,6 +182,36 @@ def _chords(xy: Floats, what: str) -> Floats:
             f"{what}: points {at} and {at + 1} are the same, ({xy[at, 0]:g}, {xy[at, 1]:g})"
         )
     return length / length[-1]
+
+
+_NEAR = 0.1
+"""Points nearer to one neighbour than this share of the way to the other are looked at for that."""
+_STEEPEST = 60.0
+"""Largest angle between a spline and the longer line to a neighbour of a point of it, degrees."""
+
+
+def smooth(points: ArrayLike) -> Curve:
+    """`spline(points)` of an outline that is to keep to its points.
+
+    Raises `InputError`, with the place, also where a point is so near to another that the curve
+    turns away from the others there.
+    """
+    curve = spline(points)
+    xy, slope = as_points(points, "spline"), curve.coefficients[:, 1]
+    steps = np.diff(xy, axis=0)
+    length = np.hypot(*steps.T)
+    longer = np.where((length[1:] > length[:-1])[:, None], steps[1:], steps[:-1])
+    near = np.minimum(length[1:], length[:-1])
+    cosine = (longer * slope[1:]).sum(1)
+    cosine /= np.hypot(*longer.T) * np.maximum(np.hypot(*slope[1:].T), 1e-300)
+    wrong = (cosine < np.cos(np.radians(_STEEPEST))) & (near < _NEAR * np.hypot(*longer.T))
+    if wrong.any():
+        worst = int(np.argmax(wrong))
+        raise InputError(
+            f"spline: turns away from its own points at {_at(xy[worst + 1])}, which has another "
+            f"{near[worst]:.3g} mm beside it; leave one out, or draw a corner there"
+        )
+    return curve
 
 
 def _hermite(breaks: Floats, xy: Floats, slope: Floats) -> Curve:

@@ -1,7 +1,7 @@
 """The layers of a part from the bed upwards. A plate is a part whose layers are alike."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,6 +64,13 @@ class Part:
         made: dict[int, Region] = {}
         own = [made.setdefault(id(region), Region.of(region)) for region in regions]
         return cls(_stacked(own, each))
+
+    def noted(self, notes: tuple[str, ...]) -> "Part":
+        """The part with more notes on its first region."""
+        first = self.slabs[0].region
+        own = replace(first, notes=(*notes, *first.notes))
+        slabs = (replace(s, region=own if s.region is first else s.region) for s in self.slabs)
+        return replace(self, slabs=tuple(slabs))
 
     @property
     def height(self) -> float:

@@ -13,6 +13,7 @@ from fdjax.errors import InputError
 from fdjax.part.contour import Hole, closed_ring, valid_polygon
 from fdjax.part.corners import four_sides
 from fdjax.part.curve import Curve, Floats, polyline, spline
+from fdjax.part.curve import smooth as smooth_curve
 from fdjax.units import MICROSTEP
 
 _CLOSING = 1e-6
@@ -113,7 +114,7 @@ def from_polygon(
     [0.0, 2.0]
     """
     valid = valid_polygon(polygon.exterior, polygon.interiors)
-    curve = spline if smooth else polyline
+    curve = smooth_curve if smooth else polyline
     bottom, right, top, left = (curve(side) for side in four_sides(valid.exterior, corners))
     return Patch(bottom, right, top.reversed(), left.reversed(), holes=tuple(valid.interiors))
 

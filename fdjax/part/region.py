@@ -6,13 +6,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from shapely import MultiPolygon, Polygon
+from shapely import MultiPolygon, Polygon, get_precision, set_precision
 
 from fdjax.errors import InputError
 from fdjax.part import neck
 from fdjax.part.contour import contours
 from fdjax.part.neck import Neck
-from fdjax.part.ring import STRAIGHT, Hole
+from fdjax.part.ring import MERGED, STRAIGHT, Hole
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,8 +29,20 @@ class Region:
     polygons: tuple[Polygon, ...]
     notes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        # The grid of one geometry would rule whatever is done with another.
+        free = (p if get_precision(p) == 0 else set_precision(p, 0) for p in self.polygons)
+        object.__setattr__(self, "polygons", tuple(free))
+
     @classmethod
-    def of(cls, source: Any, *, holes: Iterable[Hole] = (), unit: str = "mm") -> "Region":
+    def of(
+        cls,
+        source: Any,
+        *,
+        holes: Iterable[Hole] = (),
+        unit: str = "mm",
+        merged: float = MERGED,
+    ) -> "Region":
         """The region of one or more polygons.
 
         - `source`: a Shapely polygon or multipolygon; WKT text of one; GeoJSON as text or as a
@@ -39,10 +51,10 @@ class Region:
           GeoJSON is a file name.
         - `holes`: more holes, each a polygon, a ring or points, in the polygon they lie in.
         - `unit`: of all coordinates, holes included: any unit of `fdjax.units`.
+        - `merged`: points nearer than this to the one before are left out, mm.
 
-        Points nearer than 1e-6 mm to the one before are left out, and so are those from which the
-        outline without them is nowhere further than 1e-9 of its size; `notes` says how many.
-        Third coordinates and precision grids are dropped.
+        So are those from which the outline without them is nowhere further than 1e-9 of its size;
+        `notes` says how many. Third coordinates and precision grids are dropped.
 
         Raises `InputError`, with the place, for what `fdjax.part.contour.contour` refuses, and for
         polygons that overlap or touch along an edge; they may touch in points.
@@ -56,7 +68,7 @@ class Region:
             if not more and unit == "mm":
                 return source
             source = source.geometry
-        return cls(*contours(source, holes=more, unit=unit, straight=STRAIGHT))
+        return cls(*contours(source, holes=more, unit=unit, straight=STRAIGHT, merged=merged))
 
     @cached_property
     def geometry(self) -> Polygon | MultiPolygon:

@@ -17,24 +17,31 @@ Mask = NDArray[np.bool_]
 
 MERGED = 1e-6
 """Points of a ring nearer than this to the one before are one, mm."""
+JOINED = 0.05
+"""The same where roads are to be laid, as a share of their width."""
 STRAIGHT = 1e-9
 """How far a point that is left out as collinear may lie off the ring, as a share of its size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mended:
-    """A simple closed ring, and how many of the points it was given are left out."""
+    """A simple closed ring, and how many of the points it was given are left out.
+
+    - `joined`: the first of those that were not the very point before them, None without any.
+    """
 
     ring: LinearRing
     repeated: int = 0
     collinear: int = 0
+    joined: tuple[float, float] | None = None
 
     def note(self, name: str) -> str:
         """What was left out, in words; empty where nothing was."""
         counts = ((self.repeated, "repeated"), (self.collinear, "collinear"))
         found = " and ".join(f"{count} {kind}" for count, kind in counts if count)
         points = "point" if self.repeated + self.collinear == 1 else "points"
-        return f"{name}: {found} {points} left out" if found else ""
+        where = f", the first at {at(self.joined)} close to another" if self.joined else ""
+        return f"{name}: {found} {points} left out{where}" if found else ""
 
 
 def mended_ring(
@@ -57,9 +64,15 @@ def mended_ring(
         points = shapely.get_coordinates(points)
     given = as_points(points, name)
     given = given[:-1] if (given[0] == given[-1]).all() else given
-    xy = given[_apart(given, merged)]
+    apart = _apart(given, merged)
+    xy = given[apart]
     if len(xy) < 3:
-        raise InputError(f"{name}: has {len(xy)} distinct points; at least 3 are needed")
+        least = f" further apart than {merged:g}" if merged > MERGED else ""
+        raise InputError(f"{name}: has {len(xy)} distinct points{least}; at least 3 are needed")
+    last = given[np.maximum.accumulate(np.where(apart, np.arange(len(given)), 0))]
+    off = np.minimum(np.abs(given - last).max(1), np.abs(given - given[0]).max(1))
+    near = given[~apart & (off > MERGED)]
+    joined = (float(near[0, 0]), float(near[0, 1])) if len(near) else None
     size = np.ptp(xy, axis=0).max()
     kept = xy[_bends(xy, straight * size)] if straight else xy
     ring = LinearRing(kept if len(kept) > 2 else xy)
@@ -70,7 +83,7 @@ def mended_ring(
         how = "touches" if fault[1].startswith("Ring") else "crosses"
         place = at((float(fault[2]), float(fault[3])))
         raise InputError(f"{name}: {how} itself at {place}; a simple ring is needed")
-    return Mended(ring, len(given) - len(xy), len(xy) - len(kept))
+    return Mended(ring, len(given) - len(xy), len(xy) - len(kept), joined)
 
 
 def _apart(xy: Floats, least: float) -> Mask:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,18 +17,20 @@ from fdjax.part.ring import at
 Rings = list[Any]
 """Rings of one polygon, the outline first; each as points, shape (n, 2)."""
 
-_WKT = re.compile(
-    r"\s*(?:SRID=\d+;\s*)?(?:MULTI)?(?:POINT|LINESTRING|LINEARRING|POLYGON|GEOMETRYCOLLECTION)"
-    r"\s*(?:ZM|Z|M)?\s*(?:EMPTY|\()",
-    re.IGNORECASE,
-)
+_KINDS = r"(?:MULTI)?(?:POINT|LINESTRING|POLYGON)|LINEARRING|GEOMETRYCOLLECTION"
+_TAG = r"\s*(?:ZM|Z|M)?\s*"
+_SRID = r"\s*(?:SRID=\d+;\s*)?"
+_WKT = re.compile(rf"{_SRID}(?:{_KINDS}){_TAG}(?:EMPTY|\()", re.IGNORECASE)
 _RING = r"\([^()]*\)"
 _ONE = rf"\(\s*{_RING}(?:\s*,\s*{_RING})*\s*\)"
-_HEAD = r"\s*(?:SRID=\d+;\s*)?{}\s*(?:ZM|Z|M)?\s*"
-_POLYGON = re.compile(_HEAD.format("POLYGON") + rf"({_ONE})\s*", re.IGNORECASE)
-_MULTIPOLYGON = re.compile(
-    _HEAD.format("MULTIPOLYGON") + rf"\(\s*({_ONE}(?:\s*,\s*{_ONE})*)\s*\)\s*", re.IGNORECASE
+_SHAPE = (
+    rf"(?:POLYGON{_TAG}(?P<one>{_ONE})"
+    rf"|MULTIPOLYGON{_TAG}\(\s*(?P<many>{_ONE}(?:\s*,\s*{_ONE})*)\s*\))"
 )
+_ALONE = re.compile(rf"{_SRID}{_SHAPE}\s*", re.IGNORECASE)
+_SHAPES = re.compile(_SHAPE, re.IGNORECASE)
+_COLLECTION = re.compile(rf"{_SRID}GEOMETRYCOLLECTION{_TAG}\((.*)\)\s*", re.IGNORECASE | re.DOTALL)
+_OTHERS = re.compile(rf"({_KINDS}){_TAG}(?:EMPTY|\([-+.\deE\s,()]*?\)+)", re.IGNORECASE)
 
 
 def polygons_in(source: Any) -> tuple[str, list[Rings]]:
@@ -44,7 +47,7 @@ def polygons_in(source: Any) -> tuple[str, list[Rings]]:
         return name, _from_geojson(source, name)
     if not isinstance(source, str | Path):
         return name, [[source]]
-    text = source if isinstance(source, str) else ""
+    text = source.removeprefix(_MARK) if isinstance(source, str) else ""
     if not _is_geometry(text):
         name = f'outline "{_short(source, 250)}"'
         text = _read(Path(source), name)
@@ -70,13 +73,17 @@ def _from_geometry(geometry: shapely.Geometry, name: str) -> list[Rings]:
     ]
 
 
+_MARK = "\ufeff"
+"""Byte-order mark, which editors put before a text."""
+
+
 def _is_geometry(text: str) -> bool:
-    return text.lstrip().startswith("{") or _WKT.match(text) is not None
+    return text.lstrip().startswith(("{", "[")) or _WKT.match(text) is not None
 
 
 def _read(path: Path, name: str) -> str:
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         need = "a file with WKT or GeoJSON, or such text, is needed"
         raise InputError(f"{name}: cannot be read ({error.strerror}); {need}") from None
@@ -88,7 +95,7 @@ def _read(path: Path, name: str) -> str:
 
 
 def _from_text(text: str, name: str) -> list[Rings]:
-    if not text.lstrip().startswith("{"):
+    if not text.lstrip().startswith(("{", "[")):
         return _from_wkt(text, name)
     try:
         document = json.loads(text)
@@ -99,44 +106,80 @@ def _from_text(text: str, name: str) -> list[Rings]:
 
 
 def _from_wkt(text: str, name: str) -> list[Rings]:
-    body = _POLYGON.fullmatch(text) or _MULTIPOLYGON.fullmatch(text)
-    if body is None:
+    collection = _COLLECTION.fullmatch(text)
+    alone = _ALONE.fullmatch(text)
+    found = [alone] if alone else list(_SHAPES.finditer(collection[1])) if collection else []
+    if not found:
+        held = [kind[1].upper() for kind in _OTHERS.finditer(collection[1] if collection else text)]
+        what = _counted(held) if held else repr(_short(text))
         raise InputError(
-            f"{name}: {_short(text)!r} is not a WKT POLYGON ((x y, x y, ...)) or MULTIPOLYGON"
+            f"{name}: {what} is not a WKT POLYGON ((x y, x y, ...)) or MULTIPOLYGON, nor holds one"
         )
+    if collection and not set(_SHAPES.sub("", _OTHERS.sub("", collection[1]))) <= set(", ()\r\n\t"):
+        raise InputError(f"{name}: {_short(text)!r} is not a WKT GEOMETRYCOLLECTION")
     polygons = [
         [
             [[_number(word, name) for word in position.split()] for position in ring.split(",")]
             for ring in re.findall(r"\(([^()]*)\)", polygon)
         ]
-        for polygon in re.findall(_ONE, body[1])
+        for shape in found
+        for polygon in re.findall(_ONE, shape["one"] or shape["many"])
     ]
     return _all_closed(polygons, name)
 
 
-def _from_geojson(document: Mapping[str, Any], name: str) -> list[Rings]:
-    return _all_closed(_geojson_polygons(document, name), name)
+def _from_geojson(document: Any, name: str) -> list[Rings]:
+    others: list[str] = []
+    polygons = _geojson_polygons(document, name, others)
+    if not polygons and others:
+        what = f"type {others[0]!r}" if len(others) == 1 else f"holds {_counted(others)}"
+        raise InputError(f"{name}: GeoJSON {what}; a Polygon is needed")
+    return _all_closed(polygons, name)
 
 
-def _geojson_polygons(node: Any, name: str) -> list[Any]:
-    """The coordinates of every polygon in a GeoJSON object (RFC 7946); others are an error."""
+_MEMBERS = {
+    "Polygon": "coordinates",
+    "MultiPolygon": "coordinates",
+    "Feature": "geometry",
+    "FeatureCollection": "features",
+    "GeometryCollection": "geometries",
+}
+_OTHER_KINDS = ("Point", "MultiPoint", "LineString", "MultiLineString")
+
+
+def _geojson_polygons(node: Any, name: str, others: list[str]) -> list[Any]:
+    """The coordinates of every polygon in GeoJSON (RFC 7946), or in a list of it.
+
+    The kinds of what is no polygon, as labels and lines, go to `others`.
+    """
+    if isinstance(node, list):
+        return [polygon for each in node for polygon in _geojson_polygons(each, name, others)]
     kind = node.get("type") if isinstance(node, Mapping) else None
-    member = {
-        "Polygon": "coordinates",
-        "MultiPolygon": "coordinates",
-        "Feature": "geometry",
-        "FeatureCollection": "features",
-    }.get(str(kind))
-    if member is None:
-        raise InputError(f"{name}: GeoJSON type {kind!r}; a Polygon is needed")
+    if kind in _OTHER_KINDS:
+        others.append(str(kind))
+        return []
+    member = _MEMBERS.get(str(kind))
+    if not isinstance(node, Mapping) or member is None:
+        what = "is no object" if not isinstance(node, Mapping) else f"has type {kind!r}"
+        what = "has no type" if isinstance(node, Mapping) and "type" not in node else what
+        raise InputError(f"{name}: GeoJSON {what}; a Polygon is needed")
     content = node.get(member)
     if kind == "Feature":
-        return _geojson_polygons(content, name)
+        if content is None:
+            others.append("Feature without geometry")
+            return []
+        return _geojson_polygons(content, name, others)
     if not isinstance(content, list):
         raise InputError(f'{name}: GeoJSON {kind} without a list of "{member}"')
-    if kind == "FeatureCollection":
-        return [polygon for feature in content for polygon in _geojson_polygons(feature, name)]
-    return [content] if kind == "Polygon" else content
+    if kind in ("Polygon", "MultiPolygon"):
+        return [content] if kind == "Polygon" else content
+    return _geojson_polygons(content, name, others)
+
+
+def _counted(kinds: list[str]) -> str:
+    """Kinds of geometry with their numbers, in words."""
+    counts = Counter(kinds)
+    return ", ".join(f"{count} {kind}" for kind, count in counts.items()) or "nothing"
 
 
 def _all_closed(polygons: list[Any], name: str) -> list[Rings]:

@@ -10,7 +10,6 @@ from shapely import area, bounds, box, contains_properly, intersection, intersec
 from fdjax.errors import InputError
 from fdjax.plan.segments import Segments
 from fdjax.plan.toolpath import Build, Outline
-from fdjax.road.bead import section_area
 
 Floats = NDArray[np.float64]
 
@@ -199,7 +198,7 @@ def _deposits(build: Build, x: Floats, y: Floats) -> Floats:
     total = np.zeros(shape)
     for layer in build.layers:
         segments = Segments.of(layer.roads)
-        per_length = section_area(segments.width, layer.height)
+        per_length = segments.areas(layer.height)
         # In units of windows, so that edges are whole numbers.
         start, end = (_snapped((xy - [x[0], y[0]]) / side) for xy in (segments.start, segments.end))
         owner, share, middle = _split(start, end)

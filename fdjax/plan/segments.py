@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import STRtree, linestrings
 
-from fdjax.plan.toolpath import Road
+from fdjax.plan.toolpath import Road, Roads
+from fdjax.road.bead import section_area
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
@@ -21,7 +22,8 @@ _TOUCH = 1e-6
 class Segments:
     """Segments of several roads, one after the other; those of no length are left out.
 
-    - `start`, `end`: shape (n, 2), mm; `width`, `length`: shape (n,), mm.
+    - `start`, `end`: shape (n, 2), mm; `width`, `length`: shape (n,), mm. `section`: mm^2, nan
+      where it is that of the width in the layer's height.
     - `road`: index of the road of each segment; `at`: position of its start along that road, mm.
     - `road_length`, `road_ends` (roads, 2, 2), `closed`, `family`: of each road; the families
       are numbered.
@@ -30,6 +32,7 @@ class Segments:
     start: Floats
     end: Floats
     width: Floats
+    section: Floats
     length: Floats
     road: Ints
     at: Floats
@@ -40,27 +43,63 @@ class Segments:
 
     @classmethod
     def of(cls, roads: Sequence[Road]) -> "Segments":
+        if isinstance(roads, Roads):
+            return cls._flat(roads)
         names: dict[str, int] = {}
         family = np.array([names.setdefault(road.family, len(names)) for road in roads], int)
         closed = np.array([road.closed for road in roads], bool)
         if not roads:
             none = np.zeros(0)
-            return cls(np.zeros((0, 2)), np.zeros((0, 2)), none, none, np.zeros(0, int),
+            return cls(np.zeros((0, 2)), np.zeros((0, 2)), none, none, none, np.zeros(0, int),
                        none, none, np.zeros((0, 2, 2)), closed, family)  # fmt: skip
         paths = [road.path for road in roads]
         start = np.concatenate([path[:-1] for path in paths])
         end = np.concatenate([path[1:] for path in paths])
         width = np.concatenate([road.width for road in roads])
+        section = np.concatenate(
+            [
+                np.full(len(road.width), np.nan) if road.section is None else road.section
+                for road in roads
+            ]
+        )
         owner = np.repeat(np.arange(len(roads)), [len(path) - 1 for path in paths])
+        ends = np.stack([path[[0, -1]] for path in paths])
+        return cls._lasting(start, end, width, section, owner, ends, closed, family)
+
+    @classmethod
+    def _flat(cls, roads: Roads) -> "Segments":
+        section = np.full(len(roads.width), np.nan) if roads.section is None else roads.section
+        ends = np.stack([roads.points[roads.first[:-1]], roads.points[roads.first[1:] - 1]], 1)
+        family = np.unique(roads.family, return_inverse=True)[1]
+        return cls._lasting(
+            roads.starts, roads.ends, roads.width, section, roads.owner, ends, roads.closed, family
+        )
+
+    @classmethod
+    def _lasting(
+        cls,
+        start: Floats,
+        end: Floats,
+        width: Floats,
+        section: Floats,
+        owner: Ints,
+        ends: Floats,
+        closed: NDArray[np.bool_],
+        family: Ints,
+    ) -> "Segments":
+        """Those of the segments that have a length."""
         length = np.hypot(*(end - start).T)
         keep = length > 0
-        start, end, width, owner = start[keep], end[keep], width[keep], owner[keep]
-        length = length[keep]
-        total = np.bincount(owner, length, len(roads)).astype(float)
+        start, end, width, section = start[keep], end[keep], width[keep], section[keep]
+        owner, length = owner[keep], length[keep]
+        total = np.bincount(owner, length, len(ends)).astype(float)
         walked = np.cumsum(length) - length
         at = walked - (np.cumsum(total) - total)[owner]
-        ends = np.stack([path[[0, -1]] for path in paths])
-        return cls(start, end, width, length, owner, at, total, ends, closed, family)
+        return cls(start, end, width, section, length, owner, at, total, ends, closed, family)
+
+    def areas(self, height: float) -> Floats:
+        """Section of each in a layer of this height, shape (n,), mm^2."""
+        return np.where(np.isnan(self.section), section_area(self.width, height), self.section)
 
     @cached_property
     def unit(self) -> Floats:

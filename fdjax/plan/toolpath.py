@@ -1,7 +1,8 @@
 """What a machine is asked to lay down: roads in layers in a build. Frozen data, NumPy only."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ class Road:
     - `material`: number of the material or tool, from 0.
     - `closed`: whether the last point runs on to the first.
     - `family`: "xi" or "eta" where the road follows grid lines of one family, else "".
+    - `section`: area of each segment's section, shape (segments,), mm^2, where it is not the one
+      of `section_area` in a layer's height. `role`: what a slicer says that the road is.
 
     Raises `InputError` when the shapes do not fit together or a value is not finite.
     """
@@ -41,6 +44,8 @@ class Road:
     material: int = 0
     closed: bool = False
     family: str = ""
+    section: Floats | None = None
+    role: str = ""
 
     def __post_init__(self) -> None:
         xy = _frozen(self.xy)
@@ -52,6 +57,9 @@ class Road:
             raise InputError("road: points and widths must be finite")
         object.__setattr__(self, "xy", xy)
         object.__setattr__(self, "width", width)
+        if self.section is not None:
+            section = np.broadcast_to(np.asarray(self.section, float), (segments,))
+            object.__setattr__(self, "section", _frozen(section))
 
     @property
     def path(self) -> Floats:
@@ -68,9 +76,72 @@ class Road:
         """Length of the centre line, mm."""
         return float(self.segment_lengths.sum())
 
+    def areas(self, height: float) -> Floats:
+        """Section of each segment in a layer of this height, shape (segments,), mm^2."""
+        return section_area(self.width, height) if self.section is None else self.section
+
     def segment_volumes(self, height: float) -> Floats:
         """Deposited volume of each segment in a layer of this height, shape (segments,), mm^3."""
-        return section_area(self.width, height) * self.segment_lengths
+        return self.areas(height) * self.segment_lengths
+
+
+@dataclass(frozen=True, eq=False)
+class Roads(Sequence[Road]):
+    """Many roads in flat arrays; each becomes a `Road` when it is asked for.
+
+    - `points`: of all paths, one after the other, shape (points, 2); a closed road's last repeats
+      its first. `first`: index of each road's first point, and their number, shape (roads + 1,).
+    - `width`, `section`: of each segment, shape (points - roads,); `section` may be None.
+    - `material`, `closed`, `family`, `role`: of each road; the last two are indices of `names`.
+    """
+
+    points: Floats
+    first: NDArray[np.intp]
+    width: Floats
+    material: NDArray[np.integer]
+    closed: NDArray[np.bool_]
+    family: NDArray[np.integer]
+    role: NDArray[np.integer]
+    names: tuple[str, ...]
+    section: Floats | None = None
+
+    def __len__(self) -> int:
+        return len(self.first) - 1
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return tuple(self[k] for k in range(*index.indices(len(self))))
+        k = range(len(self))[index]
+        begin, end = int(self.first[k]), int(self.first[k + 1])
+        own = slice(begin - k, end - k - 1)
+        closed = bool(self.closed[k])
+        return Road(
+            self.points[begin : end - closed],
+            self.width[own],
+            int(self.material[k]),
+            closed,
+            self.names[self.family[k]],
+            None if self.section is None else self.section[own],
+            self.names[self.role[k]],
+        )
+
+    def __iter__(self) -> Iterator[Road]:
+        return map(self.__getitem__, range(len(self)))
+
+    @property
+    def owner(self) -> NDArray[np.intp]:
+        """Index of the road of each segment."""
+        return np.repeat(np.arange(len(self)), np.diff(self.first) - 1)
+
+    @property
+    def starts(self) -> Floats:
+        """First point of each segment, shape (segments, 2), mm."""
+        return np.delete(self.points, self.first[1:] - 1, axis=0)
+
+    @property
+    def ends(self) -> Floats:
+        """Last point of each segment, shape (segments, 2), mm."""
+        return np.delete(self.points, self.first[:-1], axis=0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +158,7 @@ class Layer:
 
     z: float
     height: float
-    roads: tuple[Road, ...]
+    roads: Sequence[Road]
     outline: Outline | None = None
     thinned: float = 0.0
 
@@ -102,14 +173,23 @@ class Layer:
             # The grid of one geometry would rule whatever is done with another.
             object.__setattr__(self, "outline", set_precision(outline, 0))
 
-    @property
+    @cached_property
     def volume(self) -> float:
         """Deposited volume, mm^3; what overlaps counts twice."""
-        return float(sum(road.segment_volumes(self.height).sum() for road in self.roads))
+        roads = self.roads
+        if isinstance(roads, Roads):
+            section = section_area(roads.width, self.height)
+            section = section if roads.section is None else roads.section
+            return float((section * np.hypot(*(roads.ends - roads.starts).T)).sum())
+        return float(sum(road.segment_volumes(self.height).sum() for road in roads))
 
     @property
     def travel(self) -> float:
         """Length moved without deposit between the layer's roads, mm."""
+        roads = self.roads
+        if isinstance(roads, Roads):
+            jumps = roads.points[roads.first[1:-1]] - roads.points[roads.first[1:-1] - 1]
+            return float(np.hypot(*jumps.T).sum())
         ends = [road.path[-1] for road in self.roads[:-1]]
         starts = [road.path[0] for road in self.roads[1:]]
         return float(sum(np.hypot(*(b - a)) for a, b in zip(ends, starts, strict=True)))
@@ -124,12 +204,14 @@ class Build:
     - `origin`: where the part's (0, 0) lies on the machine's bed, mm. Roads and outlines are in
       the part's coordinates; writers add the origin, readers take it off again.
     - `notes`: header facts as text, kept in the file's comments (the target, for one).
+    - `reading`: how a file was read where it leaves something open, by what was open.
     """
 
     layers: tuple[Layer, ...]
     name: str = "part"
     origin: tuple[float, float] = (0.0, 0.0)
     notes: Mapping[str, str] = field(default_factory=dict)
+    reading: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def volume(self) -> float:

@@ -32,9 +32,19 @@ def array(
 
 
 def sampled(
-    values: Any, name: str, extent: Extent, quantity: str, low: float, high: float
+    values: Any,
+    name: str,
+    extent: Extent,
+    quantity: str,
+    low: float,
+    high: float,
+    *,
+    gaps: bool = False,
 ) -> Target:
-    """The target of values over a box in mm, as `array`; `name` is for errors."""
+    """The target of values over a box in mm, as `array`; `name` is for errors.
+
+    With `gaps`, values that are not numbers are places without a target.
+    """
     if values.dtype.kind not in "buif":
         raise InputError(f"{name}: values of type {values.dtype}; real numbers are needed")
     if values.ndim != 2:
@@ -42,7 +52,7 @@ def sampled(
     if values.size == 0:
         raise InputError(f"{name}: is empty (shape {values.shape})")
     values = values.astype(float)
-    if not np.isfinite(values).all():
+    if not (gaps or np.isfinite(values).all()):
         i, j = np.argwhere(~np.isfinite(values))[0]
         raise InputError(f"{name}: value [{i}, {j}] is {values[i, j]}; all must be finite")
     samples = Raster(low + values * (high - low), extent)

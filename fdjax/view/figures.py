@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from matplotlib import colormaps
 from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
@@ -30,6 +31,10 @@ FAMILIES = {
 """Name of a family's roads in a legend, colour of their centre lines, colour of their beads."""
 
 SHARE_COLOURS, ERROR_COLOURS = "viridis", "RdBu_r"
+FAR_UNDER, FAR_OVER = "#12071f", "#ffd500"
+"""Of errors beyond the tolerance: no colour of the scale."""
+_LETTERS = 15.0
+"""Letters of a heading that fit in an inch."""
 _PANEL_NAME = 2.3
 """Room for the name above a panel of roads, inches."""
 
@@ -186,13 +191,19 @@ def porosity_figure(
     title: str = "",
     quantity: str = "porosity",
     weights: ArrayLike | None = None,
+    tolerance: float | None = None,
 ) -> Figure:
     """Windows in three panels: asked and got on one colour scale, and got less asked.
 
     - `x_edges`, `y_edges`: of the windows, shapes (nx + 1,), (ny + 1,), mm.
-    - `asked`, `got`: shape (nx, ny); NaN in a window that is left out, which stays blank.
+    - `asked`, `got`: shape (nx, ny); NaN in a window that is left out, which is hatched.
     - `outline`: drawn, and windows are shown inside it only.
     - `weights`: area of each window, for the RMS error in the heading; alike if not given.
+    - `tolerance`: where the error's scale ends, so that pictures can be compared; what is beyond
+      is marked in colours of its own. By default it ends at the largest error.
+
+    A ring is drawn where the error is largest; the heading says where, and how large windows are,
+    if there is room.
 
     Raises `InputError` when every window is left out.
     """
@@ -210,14 +221,22 @@ def porosity_figure(
     sheet = Sheet(outline, largest=(6.4, 2.4) if stacked else (2.9, 3.6))
     boxes, shared, own = _rows(sheet) if stacked else _columns(sheet)
     width, height = own.right + BAR_ROOM, boxes[0].top
-    summary = f"RMS error {rms:.4f}, largest {largest:+.4f}".replace("-", "−")
+    x, y = np.asarray(x_edges, dtype=float), np.asarray(y_edges, dtype=float)
+    i, j = np.argwhere(counted)[np.argmax(np.abs(missed))]
+    place = float(x[i] + x[i + 1]) / 2, float(y[j] + y[j + 1]) / 2
+    summary = f"RMS error {rms:.4f}, largest {largest:+.4f}"
+    more = f" at ({place[0]:.4g}, {place[1]:.4g}) mm, windows of {x[1] - x[0]:.4g} mm"
+    if tolerance is not None and len(summary + more) < _LETTERS * width:
+        summary += more
+    summary = summary.replace("-", "−")
     figure = sheet.figure(width, height, title or quantity.capitalize(), summary, titled=True)
     share = _share_scale(np.stack([asked[counted], got[counted]]))
-    half = max(abs(largest), 1e-6)
+    half = tolerance or max(abs(largest), 1e-6)
+    extremes = colormaps[ERROR_COLOURS].with_extremes(under=FAR_UNDER, over=FAR_OVER)
     drawings = (
-        (f"{quantity} asked", asked, share, SHARE_COLOURS),
-        (f"{quantity} got", got, share, SHARE_COLOURS),
-        ("got less asked", error, Normalize(-half, half), ERROR_COLOURS),
+        (f"{quantity} asked", asked, share, colormaps[SHARE_COLOURS]),
+        (f"{quantity} got", got, share, colormaps[SHARE_COLOURS]),
+        ("got less asked", error, Normalize(-half, half), extremes),
     )
     meshes = []
     for k, (box, (name, values, scale, colours)) in enumerate(zip(boxes, drawings, strict=True)):
@@ -230,14 +249,16 @@ def porosity_figure(
             filled=False,
         )
         shown = np.ma.masked_array(values, ~counted).T
+        sheet.hatch(axes)
         mesh = axes.pcolormesh(
-            np.asarray(x_edges), np.asarray(y_edges), shown, norm=scale, cmap=colours,
-            rasterized=True, zorder=1,
+            x, y, shown, norm=scale, cmap=colours, rasterized=True, zorder=1,
         )  # fmt: skip
         mesh.set_clip_path(sheet.path, axes.transData)
         meshes.append(mesh)
     sheet.colour_bar(figure, shared, meshes[1])
-    sheet.colour_bar(figure, own, meshes[2], signed=True)
+    meshes[2].axes.plot(*place, "o", mfc="none", mec=INK, ms=6, mew=0.8, zorder=5)
+    beyond = bool(tolerance) and abs(largest) > half
+    sheet.colour_bar(figure, own, meshes[2], signed=True, extend="both" if beyond else "neither")
     return figure
 
 

@@ -115,6 +115,12 @@ class Sheet:
         )
         return axes
 
+    def hatch(self, axes: Axes) -> None:
+        """Hatch the outline, below what is drawn there: what stays bare is known to be nothing."""
+        axes.add_patch(
+            PathPatch(self.path, facecolor="none", edgecolor=GREY, hatch="/////", lw=0, zorder=0.5)
+        )
+
     def colour_bar(
         self,
         figure: Figure,

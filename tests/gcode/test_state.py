@@ -305,3 +305,44 @@ def test_fans_have_numbers():
 
 def test_accelerations_are_those_of_m204():
     assert after("M204 S500 T800", "M204 R300")[0].accelerations == {"P": 500, "T": 800, "R": 300}
+
+
+def test_splines_are_those_of_marlin():
+    state, moves = after("M83", "G1 X10 Y0", "G5 X20 Y0 I3 J0 P-3 Q0 E2")
+    assert moves[-1].end == (20, 0, 0)
+    assert {move.end[1] for move in moves} == {0}
+    _, moves = after("M83", "G5 X10 Y10 I0 J5 P-5 Q0 E2")
+    bend = [(move.end[0], move.end[1]) for move in moves]
+    t = 0.5  # the cubic (0, 0), (0, 5), (5, 10), (10, 10)
+    middle = 3 * t * (1 - t) ** 2 * 0 + 3 * t**2 * (1 - t) * 5 + t**3 * 10
+    assert min(math.dist(place, (middle, 10 - middle)) for place in bend) < 0.1
+    assert sum(move.volume for move in moves) == pytest.approx(2 * state.filament_area)
+    lengths = [move.length for move in moves]
+    assert [m.volume / n for m, n in zip(moves, lengths, strict=True)] == pytest.approx(
+        [moves[0].volume / lengths[0]] * len(moves)
+    )
+
+
+@pytest.mark.parametrize("firmware", [KLIPPER, REPRAP, GRBL])
+def test_splines_of_firmware_without_them_are_refused(firmware):
+    with pytest.raises(InputError, match="G5 is a spline"):
+        after("G5 X10 I1 J1 P1 Q1 E1", firmware=firmware)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "o100 repeat [5]", "O1 sub", "M808 L5", "while iterations < 5", "var a = 1", "G55",
+        "G68 R90", "G90.1", "M605 S2", "RESTORE_GCODE_STATE NAME=a", "M32 other.g", "G6 X1 E1",
+    ],
+)  # fmt: skip
+def test_programs_and_zeros_that_cannot_be_followed_are_named(line):
+    word = line.split()[0].upper()
+    with pytest.raises(InputError, match=word):
+        after(line)
+
+
+def test_the_end_of_a_shift_matters_only_where_there_is_one():
+    after("G92.1", "G1 X5")
+    with pytest.raises(InputError, match=r"G92\.1 ends the shift"):
+        after("G92 X10", "G92.1")

@@ -236,6 +236,13 @@ def test_an_empty_file(tmp_path):
     assert kinds(look(tmp_path, "; nothing\n\n")) == [("empty", 0)]
 
 
+@pytest.mark.parametrize("change", [(" E2", ""), (" E2", " E-2"), ("M83\n", "M83\nM221 S0\n")])
+def test_a_file_that_deposits_nothing(tmp_path, change):
+    assert kinds(look(tmp_path, GOOD.replace(*change))) == [("empty", 0)]
+    grbl = of_firmware("grbl")
+    assert ("empty", 0) not in kinds(look(tmp_path, GOOD.replace(*change), machine=grbl))
+
+
 def test_a_truncated_file_of_fdjax(tmp_path):
     for machine in (BARE, STRATASYS):
         path = tmp_path / f"part.{machine.format}"

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdjax.errors import InputError
-from fdjax.part.curve import Curve, arc, polyline, spline
+from fdjax.part.curve import Curve, arc, polyline, smooth, spline
 
 S = np.linspace(0, 1, 41)
 
@@ -136,3 +136,22 @@ def test_bad_parameters_and_straight_arcs_are_named() -> None:
         spline([(0, 0), (1, 0), (2, 1)], [0, 0.5, float("nan")])
     with pytest.raises(InputError, match="on one line"):
         arc((0, 0), (1, 1), (2, 2))
+
+
+@pytest.mark.parametrize("near", [1e-3, 0.05, 0.4])
+@pytest.mark.parametrize("direction", [(0, -1), (1, -1), (-1, 0)])
+def test_a_spline_that_turns_away_from_its_points_is_refused_with_the_place(near, direction):
+    points = np.array([(0, 0), (5, 8), (7, 18), (6, 30), (2, 40)], float)
+    twice = np.insert(points, 3, points[2] + near * np.array(direction), axis=0)
+    smooth(points)
+    if direction == (-1, 0) and near > 0.1:
+        return  # a bend, not a loop
+    with pytest.raises(InputError, match=r"turns away from its own points at \(.* mm beside it"):
+        smooth(twice)
+
+
+def test_arcs_that_are_none_say_why():
+    with pytest.raises(InputError, match=r"arc: ends where it starts, at \(7, 4\); a full circle"):
+        arc((7, 4), (1, 4), (7, 4))
+    with pytest.raises(InputError, match=r"\(0, 0\), \(3, 0\) and \(6, 0\) lie on one line"):
+        arc((0, 0), (3, 0), (6, 0))

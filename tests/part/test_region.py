@@ -13,6 +13,7 @@ from shapely import MultiPolygon, Point, Polygon, box
 from fdjax.errors import InputError
 from fdjax.part.contour import circle
 from fdjax.part.region import Region
+from fdjax.part.ring import JOINED
 
 PAIR = MultiPolygon([box(0, 0, 4, 4) - box(1, 1, 2, 2), box(6, 0, 9, 3)])
 PARTS = [shapely.geometry.mapping(part) for part in PAIR.geoms]
@@ -212,3 +213,84 @@ def test_a_hundred_thousand_points_work():
     radius = 40 + np.sin(50 * angle) + 0.3 * np.sin(300 * angle)
     region = Region.of(radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], 1))
     assert region.geometry.boundary.distance(region.inset(0.25)) == pytest.approx(0.25)
+
+
+SQUARE = "[[[0,0],[4,0],[4,3],[0,3],[0,0]]]"
+POLYGON = f'{{"type":"Polygon","coordinates":{SQUARE}}}'
+LABEL = '{"type":"Feature","properties":{},"geometry":{"type":"Point","coordinates":[1,1]}}'
+SHAPE = f'{{"type":"Feature","properties":{{}},"geometry":{POLYGON}}}'
+WKT = "POLYGON ((0 0, 4 0, 4 3, 0 3, 0 0))"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeff" + POLYGON,
+        "\ufeff" + WKT,
+        f'{{"type":"FeatureCollection","features":[{LABEL},{SHAPE}]}}',
+        f'{{"type":"FeatureCollection","features":[{SHAPE},{LABEL},{LABEL}]}}',
+        f'{{"type":"GeometryCollection","geometries":[{POLYGON}]}}',
+        f'{{"type":"Feature","geometry":{{"type":"GeometryCollection","geometries":[{POLYGON}]}}}}',
+        f"[{SHAPE}]",
+        f"[{LABEL}, {POLYGON}]",
+        '{"type":"FeatureCollection","features":[{"type":"Feature","geometry":null},'
+        + SHAPE
+        + "]}",
+        "MULTIPOLYGON (((0 0, 4 0, 4 3, 0 3, 0 0)))",
+        f"GEOMETRYCOLLECTION ({WKT})",
+        f"geometrycollection(POINT (1 1), {WKT}, LINESTRING (0 0, 1e0 -1))",
+        "SRID=4326; GEOMETRYCOLLECTION (MULTIPOLYGON (((0 0, 4 0, 4 3, 0 3, 0 0))))",
+    ],
+)
+@pytest.mark.parametrize("as_file", [False, True])
+def test_odd_but_valid_texts_hold_one_polygon(tmp_path, text, as_file):
+    source = text
+    if as_file:
+        source = tmp_path / "outline"
+        source.write_text(text)
+    assert Region.of(source).area == 12
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('{"type":"LineString","coordinates":[[0,0],[1,0]]}', "type 'LineString'; a Polygon"),
+        (f"[{LABEL},{LABEL}]", "GeoJSON holds 2 Point; a Polygon"),
+        ("[]", "holds 0 polygons"),
+        ("[3]", "GeoJSON is no object"),
+        ('{"coordinates":[]}', "GeoJSON has no type"),
+        ('{"type":"Feature","geometry":null}', "Feature without geometry"),
+        ("GEOMETRYCOLLECTION (POINT (1 1), LINESTRING (0 0, 1 1))", "1 POINT, 1 LINESTRING is not"),
+        (f"GEOMETRYCOLLECTION ({WKT}, CIRCLE (1 1))", "is not a WKT GEOMETRYCOLLECTION"),
+        ("LINESTRING (0 0, 4 0, 4 3, 0 0)", "1 LINESTRING is not a WKT POLYGON"),
+    ],
+)
+def test_what_holds_no_polygon_says_what_it_holds(text, words):
+    with pytest.raises(InputError, match=words):
+        Region.of(text)
+
+
+@pytest.mark.parametrize("near", [1e-4, 0.002, 0.019])
+def test_points_within_a_share_of_a_road_are_joined_and_said(near):
+    points = [(0, 0), (4, 0), (4, 1), (4 - near, 1 + near / 2), (4, 3), (0, 3)]
+    region = Region.of(points, merged=JOINED * 0.4)
+    assert len(region.geometry.exterior.coords) == 5
+    assert region.notes[0].startswith("outline: 1 repeated and 1 collinear points left out, the")
+    assert f"at ({4 - near:g}, {1 + near / 2:g}) close to another" in region.notes[0]
+    far = Region.of([*points[:3], (3.9, 1.05), *points[4:]], merged=JOINED * 0.4)
+    assert not far.notes
+
+
+def test_an_outline_within_the_tolerance_is_none():
+    with pytest.raises(InputError, match=r"1 distinct points further apart than 0\.02"):
+        Region.of([(0, 0), (0.01, 0), (0.01, 0.01)], merged=0.02)
+
+
+def test_a_precision_grid_does_not_rule(tmp_path):
+    plain = box(0, 0, 20, 20)
+    gridded = shapely.set_precision(plain, 0.5)
+    for region in (Region.of(gridded), Region((gridded,))):
+        assert region.inset(0.175).area == pytest.approx((20 - 0.35) ** 2)
+    assert Region.of(plain, holes=[shapely.set_precision(box(5, 5, 7, 7), 1)]).inset(
+        0.1
+    ).area == pytest.approx(19.8**2 - 2.2**2)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
+from matplotlib.colors import to_hex
 from PIL import Image
 
 from fdjax.errors import InputError
@@ -195,3 +196,36 @@ def test_pictures_that_cannot_be_written(tmp_path):
             figures.save(figure, tmp_path / name)
     with pytest.raises(InputError, match="cannot be written"):
         figures.save(figure, tmp_path / "nowhere" / "g.png")
+
+
+def test_the_errors_scale_is_the_tolerance_and_the_largest_is_told():
+    got = ASKED.copy()
+    got[1, 0] += 0.3
+    figure = figures.porosity_figure(*EDGES, ASKED, got, outline=PLATE, tolerance=0.05)
+    mesh = meshes(figure)[2]
+    assert mesh.get_clim() == (-0.05, 0.05)
+    colours = mesh.get_cmap()
+    assert to_hex(colours(2.0)) == figures.FAR_OVER
+    assert to_hex(colours(-1.0)) == figures.FAR_UNDER
+    x, y = (edges[k] + edges[k + 1] for edges, k in zip(EDGES, (1, 0), strict=True))
+    size = EDGES[0][1] - EDGES[0][0]
+    end = f" at ({x / 2:g}, {y / 2:g}) mm, windows of {size:g} mm"
+    assert figure.texts[1].get_text().endswith(end)
+    small = figures.porosity_figure(*EDGES, ASKED, ASKED + 1e-3, outline=PLATE, tolerance=0.05)
+    assert meshes(small)[2].get_clim() == (-0.05, 0.05)
+
+
+def test_windows_left_out_are_hatched(tmp_path):
+    def greys(got):
+        figure = figures.porosity_figure(*EDGES, ASKED, got, outline=PLATE, tolerance=1.0)
+        figures.save(figure, tmp_path / "p.png")
+        with Image.open(tmp_path / "p.png") as picture:
+            return np.asarray(picture.convert("RGB"), int)
+
+    gap = ASKED.copy()
+    gap[0, 0] = np.nan
+    changed = np.abs(greys(ASKED) - greys(gap)).sum(2) > 30
+    bare = greys(gap)[changed]
+    assert len(bare) > 100
+    dark = (bare < 200).all(1)
+    assert 0.05 < dark.mean() < 0.8  # lines on white, three times

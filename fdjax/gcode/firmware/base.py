@@ -39,6 +39,7 @@ class Firmware:
     - `dwell`: seconds of a unit of each word of G4; the first of them that is given counts.
     - `needs_dwell`: whether G4 without any of these is refused.
     - `no_speed`: what F0 is: "ignored", "refused" or the "slowest" speed.
+    - `splines`: whether it may have G5.
     - `chord`: mm of the straight pieces of arcs, 0 for fine ones. `radius_arcs`, `relative_arcs`:
       whether it takes R, and arcs under G91.
     - `fan`, `flow_tool`: words that name the fan of M106 and the tool of M221; none for one only.
@@ -66,6 +67,7 @@ class Firmware:
     dwell: Mapping[str, float] = field(default_factory=lambda: {"S": 1.0, "P": 1e-3})
     needs_dwell: bool = False
     no_speed: str = "slowest"
+    splines: bool = False
     chord: float = 0.0
     radius_arcs: bool = True
     relative_arcs: bool = True

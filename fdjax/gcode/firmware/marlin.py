@@ -15,6 +15,7 @@
   soft end stops (motion.cpp, `apply_motion_limits`) would stop all that lies lower than where it
   stood, so they are turned off: the check has seen that the file stays within the room.
 - G60, G61 keep places, XYZE, and no modes: G60.cpp, G61.cpp.
+- G5: G5.cpp, where it is built with BEZIER_CURVE_SUPPORT.
 - M486 counts and marks objects; T begins anew: M486.cpp, cancel_object.h.
 """
 
@@ -22,6 +23,7 @@ from fdjax.gcode.firmware.base import Firmware, Kept
 
 MARLIN = Firmware(
     "marlin",
+    splines=True,
     no_speed="ignored",
     home_ends=("M420",),
     stands=("M211 S0", "G92 Z{z:.3f}"),

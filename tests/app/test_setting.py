@@ -1,0 +1,68 @@
+"""Jobs that cannot be, named by what the user wrote before long computing."""
+
+import time
+
+import pytest
+
+from fdjax.app.cli import main
+
+JOB = """
+[part]
+{part}
+layers = 4
+[target]
+{target}
+[pattern]
+{pattern}
+"""
+STRIP = 'shape = "rectangle"\nsize = [60, 6]'
+CURVES = """shape = "curves"
+bottom = {bottom}
+right = {right}
+top = {{ polyline = [[0, 40], [60, 40]] }}
+left = {{ polyline = [[0, 0], [0, 40]] }}"""
+LINE, SIDE = "{ polyline = [[0, 0], [60, 0]] }", "{ polyline = [[60, 0], [60, 40]] }"
+
+
+def refused(tmp_path, capsys, **tables):
+    job = tmp_path / "job.toml"
+    job.write_text(JOB.format(**{"target": 'solid = "0.2"', "pattern": "", **tables}))
+    began = time.perf_counter()
+    assert main(["design", str(job), "--out", str(tmp_path / "out"), "--quiet"]) == 2
+    assert time.perf_counter() - began < 10
+    assert not (tmp_path / "out").exists()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    return said
+
+
+@pytest.mark.parametrize(
+    ("solid", "pattern", "enough"),
+    [
+        ("0.03", 'road_width = "0.45mm"', "can give 0.068"),
+        ("0.02 + 0.0004*x", 'map = "transfinite"\nroad_width = "0.45mm"', "can give 0.068"),
+        ("0.05", 'mode = "both"\nroad_width = "0.4mm"', "can give 0.12"),
+    ],
+)
+def test_less_than_one_line_a_layer(tmp_path, capsys, solid, pattern, enough):
+    said = refused(tmp_path, capsys, part=STRIP, target=f'solid = "{solid}"', pattern=pattern)
+    assert "the part is 6 mm wide: less than one line" in said
+    assert enough in said
+    assert "pattern.road_width" in said
+
+
+@pytest.mark.parametrize(
+    ("sides", "words"),
+    [
+        ({"bottom": "{ arc = [[0, 0], [30, 0], [60, 0]] }"}, "part.bottom: arc: (0, 0), (30, 0)"),
+        (
+            {"bottom": "{ arc = [[5, 4], [1, 0], [5, 4]] }"},
+            "part.bottom: arc: ends where it starts",
+        ),
+        ({"right": "{ arc = [[60, 0], [60, 0], [60, 40]] }"}, "part.right: arc:"),
+        ({"right": "{ polyline = [[60, 0], [60, 0]] }"}, "part.right: polyline: points 0 and 1"),
+    ],
+)
+def test_sides_that_are_none_are_named(tmp_path, capsys, sides, words):
+    part = CURVES.format(**{"bottom": LINE, "right": SIDE, **sides})
+    assert words in refused(tmp_path, capsys, part=part)
