@@ -27,6 +27,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return int(stop.code or 0)
     try:
         arguments.command(arguments)
+        sys.stdout.flush()
         # The process ends: no last look for rings among a million objects.
         gc.freeze()
     except InputError as fault:
@@ -37,6 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(fault, STOPPED)
     except KeyboardInterrupt:
         return _fail("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # Whoever reads the output has had enough: what is left of it goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 

@@ -236,6 +236,15 @@ def test_commands_load_only_what_they_need(plate, arguments, kept_out):
     subprocess.run([sys.executable, "-c", code], check=True, cwd=plate.parent, capture_output=True)
 
 
+def test_a_reader_that_has_had_enough_is_no_fault():
+    command = [sys.executable, "-m", "fdjax", "machines"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    process.stdout.close()
+    assert process.wait() == 0
+    assert process.stderr.read() == b""
+    process.stderr.close()
+
+
 def test_measure_of_several_outlines_and_of_a_target_that_varies_in_z(plate, capsys):
     pair = "MULTIPOLYGON (((0 0, 8 0, 8 10, 0 10, 0 0)), ((12 0, 20 0, 20 10, 12 10, 12 0)))"
     job = ["measure", str(plate), "--window", "4", "--target"]
