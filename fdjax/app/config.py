@@ -151,7 +151,7 @@ class Job:
         return (*machine_files, *REPORTS)
 
 
-REPORTS = ("report.json", "grid.png", "roads.png", "porosity.png", "laplacians.png")
+REPORTS = ("report.json", "roads.png", "porosity.png", "laplacians.png")
 """What a design may write beside machine files."""
 
 _TABLES = {"part": Part, "target": TargetSource, "design": Design}

@@ -1,9 +1,9 @@
-"""Pictures of a design: lines over the outline, roads as wide as they are, porosity, functions.
+"""Pictures of a design: roads as wide as they are, porosity, functions.
 
 Matplotlib's object interface only: nothing global is touched and no window is ever opened.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,40 +35,8 @@ FAR_UNDER, FAR_OVER = "#12071f", "#ffd500"
 """Of errors beyond the tolerance: no colour of the scale."""
 _LETTERS = 15.0
 """Letters of a heading that fit in an inch."""
-_PANEL_NAME = 2.3
-"""Room for the name above a panel of roads, inches."""
-
 _SMALLEST_SCALE = 0.05
 """Span of the colour scale at least: an even porosity shall look even."""
-
-
-def grid_figure(
-    outline: Outline,
-    xi_lines: Iterable[ArrayLike],
-    eta_lines: Iterable[ArrayLike],
-    *,
-    title: str = "",
-) -> Figure:
-    """Roads or grid lines of a xi layer and of an eta layer over the outline and its holes.
-
-    `xi_lines` and `eta_lines` are polylines, each of shape (points, 2), in mm; `title` stands
-    above.
-    """
-    sheet = Sheet(outline, largest=(5.6, 6.4))
-    box = Box(0, 0, sheet.width, sheet.height)
-    figure = sheet.figure(box.width, box.height, title)
-    axes = sheet.panel(figure, box)
-    names = []
-    families = (("ξ lines", xi_lines, XI_COLOUR), ("η lines", eta_lines, ETA_COLOUR))
-    for name, lines, colour in families:
-        lines = [np.asarray(line, dtype=float) for line in lines]
-        stroke = _stroke(outline, lines, 72 * sheet.inches_per_mm)
-        axes.add_collection(
-            LineCollection(lines, colors=colour, linewidths=stroke, capstyle="round", zorder=2)
-        )
-        names.append(Line2D([], [], color=colour, linewidth=1.4, label=name))
-    sheet.legend(figure, names)
-    return figure
 
 
 def roads_figure(
@@ -89,18 +57,22 @@ def roads_figure(
     largest = (8.4, 7.0 / len(layers)) if wide else (8.8 / len(layers), 6.0)
     sheets = [Sheet(own, largest=largest, bounds=whole.bounds) for own in outlines]
     w, h = sheets[0].width, sheets[0].height
-    gap = max(0.22, _PANEL_NAME - w)
+    names = [
+        f"z {layer.z:.4g} mm: {_counted(len(layer.roads), 'road')}"
+        + (f", {layer.travel:,.0f} mm travel" if layer.travel > 0 else "")
+        for layer in layers
+    ]
+    named = (max(map(len, names)) + 1) / _LETTERS
+    gap = max(0.22, named - w)
     boxes = [
         Box(0, (len(layers) - 1 - k) * (h + 0.42), w, h) if wide else Box(k * (w + gap), 0, w, h)
         for k in range(len(layers))
     ]
-    width = max(boxes[-1].right, boxes[-1].left + _PANEL_NAME)
+    width = max(boxes[-1].right, boxes[-1].left + named)
     figure = sheets[0].figure(width, boxes[0].top, title, titled=True)
     for k, (layer, sheet, box) in enumerate(zip(layers, sheets, boxes, strict=True)):
-        name = f"z {layer.z:.4g} mm: {_counted(len(layer.roads), 'road')}"
-        name += f", {layer.travel:.3g} mm travel" if layer.travel > 0 else ""
         bottom, left = not wide or k == len(layers) - 1, wide or k == 0
-        axes = sheet.panel(figure, box, name, x_labels=bottom, y_labels=left)
+        axes = sheet.panel(figure, box, names[k], x_labels=bottom, y_labels=left)
         fine = min(0.4, 12 * sheet.inches_per_mm * min(float(r.width.min()) for r in layer.roads))
         for road in layer.roads:
             _, line, bead = FAMILIES.get(road.family, FAMILIES[""])
@@ -274,13 +246,6 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
         figure.savefig(path, dpi=dpi, facecolor="white")
     except OSError as fault:
         raise InputError(f"{path}: cannot be written: {fault.strerror or fault}") from None
-
-
-def _stroke(outline: Outline, lines: list[Floats], points_per_mm: float) -> float:
-    """Line width in points: a quarter of the mean gap between the lines, within reason."""
-    total = sum(float(np.hypot(*np.diff(line, axis=0).T).sum()) for line in lines)
-    gap = outline.area / total if total > 0 else outline.length
-    return float(np.clip(0.25 * gap * points_per_mm, 0.2, 0.8))
 
 
 def _counted(count: int, what: str) -> str:

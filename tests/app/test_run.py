@@ -45,7 +45,7 @@ controls = ["spacing", "width"]
 iterations = 30
 """
 MACHINE_FILES = {"saddle.gcode", "saddle.sml", "saddle.ssl"}
-REPORT = {"report.json", "grid.png", "roads.png", "porosity.png"}
+REPORT = {"report.json", "roads.png", "porosity.png"}
 
 
 def written(job: Path, **changes: str) -> Path:
@@ -103,7 +103,7 @@ def test_a_job_makes_all_its_files_and_no_other(finished):
     assert finished.code == 0
     assert names(finished.folder) == MACHINE_FILES | REPORT
     assert names(finished.folder.parent) == {"out"}
-    for picture in ("grid.png", "roads.png", "porosity.png"):
+    for picture in ("roads.png", "porosity.png"):
         with Image.open(finished.folder / picture) as image:
             assert min(image.size) > 300
 

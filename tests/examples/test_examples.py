@@ -31,6 +31,6 @@ def test_job_designs_to_the_end(path, tmp_path):
     assert main(["design", str(path), "--out", str(out), "--quiet"]) == 0
     job = config.load(path)
     asked = {f"{job.name}.{kind}" for kind in job.files}
-    asked |= {"report.json", "grid.png", "roads.png", "porosity.png"}
+    asked |= {"report.json", "roads.png", "porosity.png"}
     asked |= {"laplacians.png"} if job.design.laplacians else set()
     assert asked == {p.name for p in out.iterdir()}
