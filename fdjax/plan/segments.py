@@ -23,8 +23,8 @@ class Segments:
 
     - `start`, `end`: shape (n, 2), mm; `width`, `length`: shape (n,), mm.
     - `road`: index of the road of each segment; `at`: position of its start along that road, mm.
-    - `road_length`, `road_ends` (roads, 2, 2), `closed`, `family`: of each road; the families
-      are numbered.
+    - `road_length`, `road_ends` (roads, 2, 2), `closed`, `family`, `of_graph`: of each road; the
+      families are numbered.
     """
 
     start: Floats
@@ -37,16 +37,18 @@ class Segments:
     road_ends: Floats
     closed: NDArray[np.bool_]
     family: Ints
+    of_graph: NDArray[np.bool_]
 
     @classmethod
     def of(cls, roads: Sequence[Road]) -> "Segments":
         names: dict[str, int] = {}
         family = np.array([names.setdefault(road.family, len(names)) for road in roads], int)
         closed = np.array([road.closed for road in roads], bool)
+        of_graph = np.array([road.of_graph for road in roads], bool)
         if not roads:
             none = np.zeros(0)
             return cls(np.zeros((0, 2)), np.zeros((0, 2)), none, none, np.zeros(0, int),
-                       none, none, np.zeros((0, 2, 2)), closed, family)  # fmt: skip
+                       none, none, np.zeros((0, 2, 2)), closed, family, of_graph)  # fmt: skip
         paths = [road.path for road in roads]
         start = np.concatenate([path[:-1] for path in paths])
         end = np.concatenate([path[1:] for path in paths])
@@ -60,7 +62,7 @@ class Segments:
         walked = np.cumsum(length) - length
         at = walked - (np.cumsum(total) - total)[owner]
         ends = np.stack([path[[0, -1]] for path in paths])
-        return cls(start, end, width, length, owner, at, total, ends, closed, family)
+        return cls(start, end, width, length, owner, at, total, ends, closed, family, of_graph)
 
     @cached_property
     def unit(self) -> Floats:
@@ -94,6 +96,15 @@ class Segments:
     def point(self, index: Ints, place: Floats) -> Floats:
         """Where the position `place` of a road lies, given a segment that holds it."""
         return self.start[index] + (place - self.at[index])[:, None] * self.unit[index]
+
+    def sharing(self, i: Ints, j: Ints) -> NDArray[np.bool_]:
+        """Which of these pairs are edges of one graph that meet in a node."""
+        meet = np.zeros(len(i), bool)
+        for a in (self.start[i], self.end[i]):
+            for b in (self.start[j], self.end[j]):
+                meet |= np.hypot(*(a - b).T) < _TOUCH
+        graph, family = self.of_graph[self.road], self.family[self.road]
+        return meet & graph[i] & (family[i] == family[j])
 
     def nearest(self, index: Ints, xy: Floats) -> tuple[Floats, Floats]:
         """Distance of points to segments, and the position along the road of the nearest point."""

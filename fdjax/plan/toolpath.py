@@ -31,7 +31,8 @@ class Road:
     - `width`: road width of each segment, shape (segments,), mm.
     - `material`: number of the material or tool, from 0.
     - `closed`: whether the last point runs on to the first.
-    - `family`: "xi" or "eta" where the road follows grid lines of one family, else "".
+    - `family`: "xi" or "eta" where the road follows grid lines of one family, another name where it
+      follows edges of a graph, which may meet at its points; else "".
 
     Raises `InputError` when the shapes do not fit together or a value is not finite.
     """
@@ -67,6 +68,11 @@ class Road:
     def length(self) -> float:
         """Length of the centre line, mm."""
         return float(self.segment_lengths.sum())
+
+    @property
+    def of_graph(self) -> bool:
+        """Whether the road follows edges of a graph."""
+        return self.family not in ("", "xi", "eta")
 
     def segment_volumes(self, height: float) -> Floats:
         """Deposited volume of each segment in a layer of this height, shape (segments,), mm^3."""
