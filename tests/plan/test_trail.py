@@ -124,7 +124,7 @@ def test_three_edges_at_each_node_travel_less_than_to_the_nearest_edge_each_time
     assert Layer(0.2, 0.2, laid.roads).travel < 0.9 * travel
     steps = [np.diff(road.path, axis=0) for road in laid.roads]
     turns = np.concatenate([(step[1:] * step[:-1]).sum(1) for step in steps])
-    assert (turns < 0).mean() < 0.03
+    assert (turns < 0).mean() < 0.05
 
 
 def test_a_short_bit_is_left_out_and_said():
