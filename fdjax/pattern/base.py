@@ -100,6 +100,12 @@ class AbstractPattern(eqx.Module):
         """Whether the part's mean is met by the count of lines and not by the controls."""
         return False
 
+    @property
+    def patience(self) -> float | None:
+        """Gain of the objective over four improvements below which a design ends, if the pattern
+        knows better than the optimiser."""
+        return None
+
     def counted(self, asked: float, laid: float) -> "AbstractPattern":
         """The pattern with as many lines as bring what is laid nearest to what is asked, mm^3.
 

@@ -24,6 +24,7 @@ from fdjax.mesh.triangulation import Triangulation, relaxed
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
 from fdjax.pattern.base import AbstractSettings, road_width_key
+from fdjax.pattern.coarse import Lattice
 from fdjax.pattern.mesh_pattern import Cells, Edges, MeshPattern, Pieces
 from fdjax.road.bead import section_area
 from fdjax.road.wall_distance import WallDistance
@@ -46,6 +47,9 @@ _PIECES = 3
 
 _WALL_STEPS = 16
 """Places to a window's side at which the distance from the walls is taken."""
+
+_COARSE = (2, 4, 8, 16)
+"""Cells along the part of the lattices by which nodes step together."""
 
 _GOLDEN = 0.6180339887498949
 """Multiples of it begin the meshes' sequences far from each other."""
@@ -127,6 +131,9 @@ class Mesh(AbstractSettings):
             pieces=jax.tree.map(jnp.asarray, _pieces(length, window / _PIECES)),
             triangles=jax.tree.map(jnp.asarray, triangles),
             walls=jax.tree.map(jnp.asarray, walls),
+            coarse=tuple(
+                jax.tree.map(jnp.asarray, Lattice.over(nodes, count)) for count in _COARSE
+            ),
             width=self.road_width,
             dual="voronoi" if dual == "voronoi" else "centre",
             sheets=ends,

@@ -16,6 +16,7 @@ from fdjax.limits import Limits
 from fdjax.mesh.dual import centre_points, circumcentres
 from fdjax.mesh.triangulation import Triangulation
 from fdjax.pattern.base import AbstractPattern, Penalties
+from fdjax.pattern.coarse import Lattice
 from fdjax.road.deposit import Points
 from fdjax.road.stroke import Graph
 from fdjax.road.wall_distance import WallDistance, inside
@@ -29,6 +30,10 @@ LEAST_ANGLE = 17.0
 _STIFF = 10.0
 """Nodes that move against each other by this share of a cell everywhere are a roughness of one,
 turned over."""
+
+
+_PATIENCE = 0.1
+"""A window with sharp edges differs from a soft one by more than what a longer design gains."""
 
 
 class Edges(NamedTuple):
@@ -90,6 +95,7 @@ class MeshPattern(AbstractPattern):
     - `size`: of the cells around each node, shape (n,), mm.
     - `links`: pairs of nodes that are joined in a triangulation, shape (l, 2).
     - `walls`: distance from the walls; `width`: of the roads, mm.
+    - `coarse`: by which nodes step together.
     - `dual`: "centre" or "voronoi" points in the triangles.
     - `sheets`: first edge of each sheet and the one beyond its last; layer k holds sheet k modulo
       their number.
@@ -104,6 +110,7 @@ class MeshPattern(AbstractPattern):
     pieces: Pieces
     triangles: Cells
     walls: WallDistance
+    coarse: tuple[Lattice, ...]
     width: float
     dual: str = eqx.field(static=True)
     sheets: tuple[tuple[int, int], ...] = eqx.field(static=True)
@@ -150,25 +157,27 @@ class MeshPattern(AbstractPattern):
         return xyz, 1 - held / volume, jnp.where(within, volume, 0.0)
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
-        """Angles of triangles below `LEAST_ANGLE`, and edges shorter than roads may be apart."""
+        """Angles of triangles below `LEAST_ANGLE`, and edges shorter than roads may be apart, of a
+        Voronoi diagram below none.
+        """
         corner = realised.xy[self.triangles.nodes]
         first, second = jnp.roll(corner, -1, 1) - corner, jnp.roll(corner, 1, 1) - corner
         across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
         angle = jnp.degrees(jnp.arctan2(across, (first * second).sum(-1)))
         along = realised.ends[:, 1] - realised.ends[:, 0]
-        length = _length(along)
-        if self.dual == "voronoi":
-            # Of two triangles that are no longer Delaunay's the centres have changed places.
-            side = realised.xy[self.edges.sides]
-            crossed = _cross(side[:, 1] - side[:, 0], along) < 0
-            of_dual = self.edges.nodes[:, 0] >= len(self.first)
-            length = jnp.where(of_dual & crossed, -length, length)
-        middle = realised.ends.mean(1)
-        laid = self.walls.at(middle, self.edges.room) > 0
         least = limits.least_spacing or self.width
+        excess = 1 - _length(along) / least
+        if self.dual == "voronoi":
+            # The plan contracts short edges; but the centres of two triangles that are no longer
+            # Delaunay's have changed places, and roads would cross.
+            side = realised.xy[self.edges.sides]
+            over = side[:, 1] - side[:, 0]
+            of_dual = self.edges.nodes[:, 0] >= len(self.first)
+            excess = jnp.where(of_dual, -_cross(over, along) / _length(over) / least, excess)
+        laid = self.walls.at(realised.ends.mean(1), self.edges.room) > 0
         return {
             "angle": (1 - angle / LEAST_ANGLE).ravel(),
-            "edge": jnp.where(laid, 1 - length / least, -1.0),
+            "edge": jnp.where(laid, excess, -1.0),
         }
 
     def roughness(self, controls: Array) -> Float[Array, " n"]:
@@ -178,7 +187,11 @@ class MeshPattern(AbstractPattern):
         return _STIFF * strain.ravel() / np.sqrt(len(self.links))
 
     def scale(self, step: Array) -> Array:
-        return step * self.size[:, None]
+        return sum((each.moved(step) for each in self.coarse), step * self.size[:, None])
+
+    @property
+    def patience(self) -> float:
+        return _PATIENCE
 
     def widths(self, realised: Realised) -> tuple[Array, Array]:
         width = jnp.asarray(self.width)

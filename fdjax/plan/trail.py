@@ -11,6 +11,9 @@ from itertools import combinations
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 from shapely import MultiPolygon, Polygon
 
 from fdjax.errors import InputError
@@ -27,9 +30,8 @@ from fdjax.road.stroke import Graph
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
-_PULLED = 1.0
-"""A node beyond the walls by less than so many road widths is pulled onto them: the edges that
-are cut between it and its neighbours would end too near each other."""
+_BEYOND = 0.01
+"""An edge between two nodes at a wall may bulge beyond it by this share of a road's width."""
 
 _ALONE = 10.0
 """What an edge that begins and ends in one road of its own costs, beside the turns that it saves:
@@ -53,7 +55,8 @@ def lay_graph(
     """Lay each edge of a graph once as roads inside a room.
 
     Edges are cut where their centre would come nearer to a wall than half the largest road width.
-    Roads go on through nodes as straight as may be.
+    Edges shorter than wide are contracted where three or more meet at both ends. Roads go on
+    through nodes as straight as may be.
 
     - `least_road`: shorter roads are not laid, mm; nor any of less than `SHORTEST_ROAD` widths.
     - `tolerance`: what dropping points may take off a road, mm; no node is dropped.
@@ -73,7 +76,7 @@ def lay_graph(
     if not len(edges):
         return Laid()
     walls = Room.of(room).walls(float(width.max()))
-    xy, edges, width = _cut(xy, edges, width, walls)
+    xy, edges, width = _cut(*_contracted(xy, edges, width), walls)
     roads = [
         Road(xy[nodes], width[list(own)], graph.material, closed, graph.family)
         for nodes, own, closed in trails(xy, edges)
@@ -103,16 +106,29 @@ def _checked(graph: Graph) -> tuple[Floats, Ints, Floats]:
     return xy, edges, width
 
 
+def _contracted(xy: Floats, edges: Ints, width: Floats) -> tuple[Floats, Ints, Floats]:
+    """The graph without edges shorter than wide between nodes where three or more meet.
+
+    The two become one node in their middle: the roads beside such an edge would lie on each other.
+    """
+    degree = np.bincount(edges.ravel(), minlength=len(xy))
+    short = np.hypot(*(xy[edges[:, 1]] - xy[edges[:, 0]]).T) < width
+    short &= (degree[edges] > 2).all(1)
+    xy, number = _merged(xy, edges[short])
+    return xy, number[edges[~short]], width[~short]
+
+
+def _merged(xy: Floats, near: Ints) -> tuple[Floats, Ints]:
+    """Points of which these pairs become one, in their middle, and the new number of each."""
+    pairing = coo_array((np.ones(len(near)), tuple(near.T)), shape=(len(xy), len(xy)))
+    count, number = connected_components(pairing, directed=False)
+    size = np.bincount(number, minlength=count)
+    middle = [np.bincount(number, along, count) for along in xy.T]
+    return np.stack(middle, 1) / size[:, None], number.astype(int)
+
+
 def _cut(xy: Floats, edges: Ints, width: Floats, walls: Walls) -> tuple[Floats, Ints, Floats]:
-    """The graph inside the walls: nodes just beyond pulled onto them, edges cut, bits left out."""
-    used = np.unique(edges)
-    beyond = used[~shapely.contains_xy(walls.free, *xy[used].T)]
-    points = shapely.points(xy[beyond])
-    reach = _PULLED * walls.road_width
-    near = beyond[shapely.dwithin(walls.free, points, reach)]
-    xy = xy.copy()
-    to_wall = shapely.shortest_line(walls.free, shapely.points(xy[near]))
-    xy[near] = shapely.get_coordinates(to_wall).reshape(-1, 2, 2)[:, 0]
+    """The graph inside the walls: edges cut, their ends there brought together, bits left out."""
     start, end = xy[edges[:, 0]], xy[edges[:, 1]]
     length = np.hypot(*(end - start).T)
     lasting = length > 1e-9
@@ -132,13 +148,40 @@ def _cut(xy: Floats, edges: Ints, width: Floats, walls: Walls) -> tuple[Floats, 
     # An end where the edge itself ends is that node still; any other is a new one.
     cut = (share > 1e-9) & (share < 1 - 1e-9)
     node = np.where(share > 0.5, edges[owner, 1:], edges[owner, :1])
-    node[cut] = len(xy) + np.arange(cut.sum())
-    bit = (cut.any(1) | (node[:, 0] == node[:, 1])) & (
-        shapely.length(parts) < SHORTEST * width[owner]
-    )
-    xy = np.concatenate([xy, ends[cut]])
-    edges = np.concatenate([edges[whole], node[~bit]])
-    return xy, edges, np.concatenate([width[whole], width[owner[~bit]]])
+    close = np.unique(edges)
+    close = close[shapely.contains_xy(walls.free, *xy[close].T)]
+    boundary = walls.free.boundary
+    close = close[shapely.dwithin(boundary, shapely.points(xy[close]), walls.road_width)]
+    at_walls, number = _together(np.concatenate([xy[close], ends[cut]]), walls)
+    renamed = np.arange(len(xy))
+    renamed[close] = len(xy) + number[: len(close)]
+    node = renamed[node]
+    node[cut] = len(xy) + number[len(close) :]
+    long = ~cut.any(1) | (shapely.length(parts) >= SHORTEST * width[owner])
+    edges = np.concatenate([renamed[edges[whole]], node[long]])
+    width = np.concatenate([width[whole], width[owner[long]]])
+    # Of edges that have come to join the same two nodes one is laid.
+    once = np.unique(np.sort(edges, axis=1), axis=0, return_index=True)[1]
+    once = once[edges[once, 0] != edges[once, 1]]
+    xy, edges, width = np.concatenate([xy, at_walls]), edges[once], width[once]
+    # Two nodes at the wall of a hole may have come to see each other only through it.
+    middle = shapely.points(xy[edges].mean(1))
+    seen = shapely.dwithin(walls.free, middle, _BEYOND * walls.road_width)
+    return xy, edges[seen], width[seen]
+
+
+def _together(ends: Floats, walls: Walls) -> tuple[Floats, Ints]:
+    """Ends at the walls and nodes near them, (n, 2), as nodes, and the node of each, (n,).
+
+    Those nearer to each other than a road is wide become one, or the roads that end there would lie
+    on one another: so do those cut short of a node that is just beyond.
+    """
+    if not len(ends):
+        return ends, np.zeros(0, int)
+    near = KDTree(ends).query_pairs(walls.road_width, output_type="ndarray")
+    middle, number = _merged(ends, near)
+    to_room = shapely.shortest_line(walls.free, shapely.points(middle))
+    return shapely.get_coordinates(to_room).reshape(-1, 2, 2)[:, 0], number
 
 
 def trails(xy: Floats, edges: Ints) -> list[tuple[list[int], list[int], bool]]:

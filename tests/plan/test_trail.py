@@ -108,9 +108,9 @@ def test_edges_that_cross_between_nodes_are_no_node():
 
 
 def test_three_edges_at_each_node_travel_less_than_to_the_nearest_edge_each_time():
-    xy, edges = lattice(18)
-    xy = xy + np.random.default_rng(1).uniform(-0.9, 0.9, xy.shape)
-    laid = lay_graph(graph(xy, edges), shapely.box(-9, -9, 80, 80))
+    xy, edges = lattice(18, step=4.0)
+    xy = xy + np.random.default_rng(1).uniform(-1.8, 1.8, xy.shape)
+    laid = lay_graph(graph(xy, edges), shapely.box(-9, -9, 140, 140))
     length = np.hypot(*np.diff(xy[edges], axis=1)[:, 0].T).sum()
     assert sum(road.length for road in laid.roads) == pytest.approx(length)
     ends = xy[edges]
