@@ -186,11 +186,10 @@ def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) ->
     if any(layer.roads for layer in top):
         figure = figures.roads_figure(top, outline=outline, title=first.path.name)
         figures.save(figure, folder / "roads.png")
-    shown = {
-        family: [road.path for layer in top for road in layer.roads if road.family == family]
-        for family in ("xi", "eta")
-    }
-    figure = figures.grid_figure(outline, shown["xi"], shown["eta"], title=job.name)
+    roads = [road for layer in top for road in layer.roads]
+    xi, eta = ([road.path for road in roads if road.family == own] for own in ("xi", "eta"))
+    edges = [road.path for road in roads if road.of_graph]
+    figure = figures.grid_figure(outline, xi, eta, edges=edges, title=job.name)
     figures.save(figure, folder / "grid.png")
     figure = figures.porosity_figure(
         first.measurement.x,

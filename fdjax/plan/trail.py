@@ -31,7 +31,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 _BEYOND = 0.01
-"""An edge between two nodes at a wall may bulge beyond it by this share of a road's width."""
+"""An edge to a node at a wall may lie beyond the wall by this share of a road's width."""
 
 _ALONE = 10.0
 """What an edge that begins and ends in one road of its own costs, beside the turns that it saves:
@@ -129,17 +129,48 @@ def _merged(xy: Floats, near: Ints) -> tuple[Floats, Ints]:
 
 def _cut(xy: Floats, edges: Ints, width: Floats, walls: Walls) -> tuple[Floats, Ints, Floats]:
     """The graph inside the walls: edges cut, their ends there brought together, bits left out."""
+    nodes = len(xy)
+    xy, edges, width = _clipped(xy, edges, width, walls.free, walls)
+    used = np.unique(edges)
+    inner = used[used < nodes]
+    boundary = walls.free.boundary
+    close = shapely.dwithin(boundary, shapely.points(xy[inner]), walls.road_width)
+    moved = np.concatenate([inner[close], np.arange(nodes, len(xy))])
+    together, number = _together(xy[moved], walls)
+    renamed = np.arange(len(xy))
+    renamed[moved] = len(xy) + number
+    edges = renamed[edges]
+    # Of edges that have come to join the same two nodes one is laid.
+    once = np.unique(np.sort(edges, axis=1), axis=0, return_index=True)[1]
+    once = once[edges[once, 0] != edges[once, 1]]
+    # Edges to nodes that have moved may now cross a wall that bulges; there they end a road early,
+    # off those that end at the wall.
+    beyond = shapely.buffer(walls.free, _BEYOND * walls.road_width, quad_segs=2)
+    xy = np.concatenate([xy, together])
+    return _clipped(xy, edges[once], width[once], beyond, walls, early=walls.road_width)
+
+
+def _clipped(
+    xy: Floats,
+    edges: Ints,
+    width: Floats,
+    free: Polygon | MultiPolygon,
+    walls: Walls,
+    *,
+    early: float = 0.0,
+) -> tuple[Floats, Ints, Floats]:
+    """The graph inside a region, with a new node, behind the others, wherever an edge is cut.
+
+    - `early`: what an edge that is cut loses beyond that, mm.
+    """
     start, end = xy[edges[:, 0]], xy[edges[:, 1]]
     length = np.hypot(*(end - start).T)
-    lasting = length > 1e-9
-    edges, width, length = edges[lasting], width[lasting], length[lasting]
-    start, end = start[lasting], end[lasting]
     # Most edges lie too deep in the room to reach a wall.
     deep = walls.deep(float(length.max(initial=0.0)))
     suspect = np.flatnonzero(~shapely.contains_xy(deep, *start.T))
     whole = np.setdiff1d(np.arange(len(edges)), suspect)
     lines = shapely.linestrings(np.stack([start[suspect], end[suspect]], 1))
-    parts, of = shapely.get_parts(shapely.intersection(lines, walls.free), return_index=True)
+    parts, of = shapely.get_parts(shapely.intersection(lines, free), return_index=True)
     straight = shapely.length(parts) > 0
     parts, owner = parts[straight], suspect[of[straight]]
     ends = shapely.get_coordinates(parts).reshape(-1, 2, 2)
@@ -148,26 +179,16 @@ def _cut(xy: Floats, edges: Ints, width: Floats, walls: Walls) -> tuple[Floats, 
     # An end where the edge itself ends is that node still; any other is a new one.
     cut = (share > 1e-9) & (share < 1 - 1e-9)
     node = np.where(share > 0.5, edges[owner, 1:], edges[owner, :1])
-    close = np.unique(edges)
-    close = close[shapely.contains_xy(walls.free, *xy[close].T)]
-    boundary = walls.free.boundary
-    close = close[shapely.dwithin(boundary, shapely.points(xy[close]), walls.road_width)]
-    at_walls, number = _together(np.concatenate([xy[close], ends[cut]]), walls)
-    renamed = np.arange(len(xy))
-    renamed[close] = len(xy) + number[: len(close)]
-    node = renamed[node]
-    node[cut] = len(xy) + number[len(close) :]
-    long = ~cut.any(1) | (shapely.length(parts) >= SHORTEST * width[owner])
-    edges = np.concatenate([renamed[edges[whole]], node[long]])
-    width = np.concatenate([width[whole], width[owner[long]]])
-    # Of edges that have come to join the same two nodes one is laid.
-    once = np.unique(np.sort(edges, axis=1), axis=0, return_index=True)[1]
-    once = once[edges[once, 0] != edges[once, 1]]
-    xy, edges, width = np.concatenate([xy, at_walls]), edges[once], width[once]
-    # Two nodes at the wall of a hole may have come to see each other only through it.
-    middle = shapely.points(xy[edges].mean(1))
-    seen = shapely.dwithin(walls.free, middle, _BEYOND * walls.road_width)
-    return xy, edges[seen], width[seen]
+    node[cut] = len(xy) + np.arange(cut.sum())
+    left = shapely.length(parts) - early * cut.sum(1)
+    long = (~cut.any(1) | (left >= SHORTEST * width[owner])) & (node[:, 0] != node[:, 1])
+    back = np.array([[1.0], [-1.0]]) * along[:, None] / length[owner, None, None]
+    ends = ends + early * back
+    return (
+        np.concatenate([xy, ends[cut]]),
+        np.concatenate([edges[whole], node[long]]),
+        np.concatenate([width[whole], width[owner[long]]]),
+    )
 
 
 def _together(ends: Floats, walls: Walls) -> tuple[Floats, Ints]:

@@ -42,19 +42,23 @@ def grid_figure(
     xi_lines: Iterable[ArrayLike],
     eta_lines: Iterable[ArrayLike],
     *,
+    edges: Iterable[ArrayLike] = (),
     title: str = "",
 ) -> Figure:
     """Roads or grid lines of a xi layer and of an eta layer over the outline and its holes.
 
-    `xi_lines` and `eta_lines` are polylines, each of shape (points, 2), in mm; `title` stands
-    above.
+    `xi_lines` and `eta_lines` are polylines, each of shape (points, 2), in mm, and so are `edges`
+    of graphs, drawn instead where there are any; `title` stands above.
     """
     sheet = Sheet(outline, largest=(5.6, 6.4))
     box = Box(0, 0, sheet.width, sheet.height)
     figure = sheet.figure(box.width, box.height, title)
     axes = sheet.panel(figure, box)
     names = []
-    families = (("ξ lines", xi_lines, XI_COLOUR), ("η lines", eta_lines, ETA_COLOUR))
+    families = [("ξ lines", xi_lines, XI_COLOUR), ("η lines", eta_lines, ETA_COLOUR)]
+    edges = list(edges)
+    if edges:
+        families = [("edges", edges, FAMILIES[""][1])]
     for name, lines, colour in families:
         lines = [np.asarray(line, dtype=float) for line in lines]
         stroke = _stroke(outline, lines, 72 * sheet.inches_per_mm)
