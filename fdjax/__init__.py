@@ -19,6 +19,7 @@ _HOMES = {
     "design": "optimise.design",
     "Isolines": "pattern.isolines",
     "MapLines": "pattern.map_lines",
+    "Mesh": "pattern.mesh",
     "lay": "plan.trace",
     "trim": "plan.trace",
     "check": "plan.check",

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
 PATTERNS = {
     "isolines": "isolines:Isolines",
     "grid-lines": "map_lines:MapLines",
+    "mesh": "mesh:Mesh",
 }
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""
 

@@ -16,7 +16,7 @@ from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.road.deposit import Deposit
 from fdjax.road.stacking import MODES, Stacking
-from fdjax.road.stroke import Lines
+from fdjax.road.stroke import Graph, Lines
 from fdjax.target.target import Target
 
 Penalties = dict[str, Array]
@@ -74,7 +74,7 @@ class AbstractPattern(eqx.Module):
         """Least and largest road width, mm."""
 
     @abstractmethod
-    def strokes(self, controls: Any) -> Iterator[Sequence[Lines]]:
+    def strokes(self, controls: Any) -> Iterator[Sequence[Lines | Graph]]:
         """What is to be laid on each layer, from the bed upwards."""
 
     @abstractmethod
@@ -99,6 +99,12 @@ class AbstractPattern(eqx.Module):
     def mean_by_count(self) -> bool:
         """Whether the part's mean is met by the count of lines and not by the controls."""
         return False
+
+    @property
+    def patience(self) -> float | None:
+        """Gain of the objective over four improvements below which a design ends, if the pattern
+        knows better than the optimiser."""
+        return None
 
     def counted(self, asked: float, laid: float) -> "AbstractPattern":
         """The pattern with as many lines as bring what is laid nearest to what is asked, mm^3.
@@ -132,12 +138,13 @@ def road_width_key() -> Any:
 class AbstractSettings:
     """What a user says of a pattern, as a frozen dataclass whose fields are keys of a job.
 
-    - `mode`, `phases`: how families follow each other from layer to layer, see `road.stacking`.
+    - `mode`, `phases`: how families follow each other from layer to layer, see `road.stacking`; a
+      pattern without families leaves the mode as it is.
     - `road_width`: mm, or where the design starts; `controls`: what the design may change.
     - `corrections`: how often a design is worth correcting by what a plan of it lays.
     """
 
-    mode: str
+    mode: str = "alternate"
     phases: int
     road_width: float
     controls: tuple[str, ...]

@@ -56,10 +56,11 @@ def check(
 
     One finding a kind and layer, layer by layer:
 
-    - crossing (error): roads that cross or touch, a road and itself too. With `both_families`
-      crossings of "xi" with "eta" roads are nodes (warning): their number and excess volume, the
-      sum of `w1 w2 / sin(angle) * height`, the overlap of two straight beads with flat sides
-      (the sine is kept above 0.1; roads that run along one another are not counted).
+    - crossing (error): roads that cross or touch, a road and itself too. Where edges of one graph
+      meet at their ends, and with `both_families` where "xi" cross "eta" roads, are nodes
+      (warning): their number and excess volume, the sum of `w1 w2 / sin(angle) * height`, the
+      overlap of two straight beads with flat sides (the sine is kept above 0.1; roads that run
+      along one another are not counted).
     - width, layer height (error): outside the machine's range.
     - spacing: centre lines of one family closer than the least spacing, or than their mean width
       where the machine names none: a warning, and an error below half of it, where one bead
@@ -131,11 +132,11 @@ def _pairs(
 ) -> _Found:
     i, j = segments.near_pairs(tree)
     crossings = segments.crossings(i, j)
-    node = np.zeros(len(crossings.i), bool)
+    node = segments.sharing(crossings.i, crossings.j)
     if both_families:
         families = np.array([road.family for road in layer.roads])
         pair = np.stack([families[segments.road[k]] for k in (crossings.i, crossings.j)], 1)
-        node = (np.sort(pair, axis=1) == ["eta", "xi"]).all(1)
+        node |= (np.sort(pair, axis=1) == ["eta", "xi"]).all(1)
     count = int((~node).sum())
     if count:
         text = f"roads cross in {count} places"
@@ -160,7 +161,7 @@ def _nodes(
     sine = np.maximum(crossings.sine[node], 0.1)
     excess = segments.width[crossings.i[node]] * segments.width[crossings.j[node]] / sine * height
     count, volume = int(node.sum()), float(excess.sum())
-    text = f"the families meet in {count} nodes, {volume:.3f} mm^3 more than the layer holds"
+    text = f"roads meet in {count} nodes, {volume:.3f} mm^3 more than the layer holds"
     place = _place(crossings.xy[node][np.argmax(excess)])
     return "warning", "nodes", text, place, count, volume
 

@@ -6,19 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
 
 from fdjax.plan.toolpath import Road
 
 Floats = NDArray[np.float64]
 
 _NEIGHBOURS = 8
-"""So many nearest ends of other roads an end may be newly linked to."""
+"""So many nearest ends of other roads an end may be newly linked to, or up to two more."""
 
 _LONGEST_MOVE = 3
 """So many roads at most are moved together to another place in the order."""
 
 _FEW = 50
-"""With no more roads than this the order as given is shortened too, and the better taken."""
+"""With more roads than this only the better of the nearest first and the order as given is
+shortened."""
 
 _GAIN = 1e-9
 
@@ -32,23 +34,25 @@ def reversed_road(road: Road) -> Road:
 def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> list[Road]:
     """Put roads in an order of little travel, each either way round.
 
-    The nearest end comes next, from the point `start` (by default where the first road starts);
-    then, while one shortens the travel, stretches of the order are turned round (Croes 1958,
-    2-opt) and up to three roads together are put elsewhere (Or 1976), so that an end lies next to
-    one of its neighbours. Never more travel than in the order as given; the same every time.
+    The nearest end comes next, from the point `start` (by default where the first road starts),
+    or the roads stay in the order as given; then, while one shortens the travel, stretches of the
+    order are turned round (Croes 1958, 2-opt) and up to three roads together are put elsewhere
+    (Or 1976), so that an end lies next to one of its neighbours. Never more travel than in the
+    order as given; the same every time.
     """
     if not roads:
         return []
     ends = np.stack([road.path[[0, -1]] for road in roads])
     begin = ends[0, 0] if start is None else np.asarray(start, float)
-    given = _Tour(ends, begin, list(range(2 * len(roads))))
-    tour = _Tour(ends, begin, _nearest_first(ends, begin))
+    orders = _nearest_first(ends, begin), list(range(2 * len(roads)))
+    tours = [_Tour(ends, begin, met) for met in orders]
+    if len(roads) > _FEW:
+        tours = [min(tours, key=_Tour.travel)]
     if len(roads) > 1:
         neighbours = _neighbours(ends)
-        tour.shorten(neighbours)
-        if len(roads) <= _FEW:
-            given.shorten(neighbours)
-    best = min(tour, given, key=_Tour.travel)
+        for tour in tours:
+            tour.shorten(neighbours)
+    best = min(tours, key=_Tour.travel)
     firsts = best.stops[1:-1:2]
     return [reversed_road(roads[end // 2]) if end % 2 else roads[end // 2] for end in firsts]
 
@@ -70,17 +74,13 @@ def _nearest_first(ends: Floats, begin: Floats) -> list[int]:
 def _neighbours(ends: Floats) -> list[list[int]]:
     """The nearest ends of other roads to each end, nearest first."""
     points = ends.reshape(-1, 2)
-    count = min(_NEIGHBOURS, len(points) - 2)
-    found: list[list[int]] = []
-    for low in range(0, len(points), 256):
-        rows = np.arange(low, min(low + 256, len(points)))
-        offset = points[rows, None] - points
-        square = (offset * offset).sum(-1)
-        square[rows - low, rows] = square[rows - low, rows ^ 1] = np.inf
-        near = np.sort(np.argpartition(square, count - 1, axis=1)[:, :count], axis=1)
-        ranked = np.argsort(np.take_along_axis(square, near, 1), axis=1, kind="stable")
-        found += np.take_along_axis(near, ranked, 1).tolist()
-    return found
+    count = min(_NEIGHBOURS + 2, len(points))
+    near = np.asarray(KDTree(points).query(points, count)[1])
+    own = np.arange(len(points))[:, None]
+    return [
+        row[others].tolist()
+        for row, others in zip(near, (near != own) & (near != (own ^ 1)), strict=True)
+    ]
 
 
 class _Tour:

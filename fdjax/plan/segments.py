@@ -25,8 +25,8 @@ class Segments:
     - `start`, `end`: shape (n, 2), mm; `width`, `length`: shape (n,), mm. `section`: mm^2, nan
       where it is that of the width in the layer's height.
     - `road`: index of the road of each segment; `at`: position of its start along that road, mm.
-    - `road_length`, `road_ends` (roads, 2, 2), `closed`, `family`: of each road; the families
-      are numbered.
+    - `road_length`, `road_ends` (roads, 2, 2), `closed`, `family`, `of_graph`: of each road; the
+      families are numbered.
     """
 
     start: Floats
@@ -40,6 +40,7 @@ class Segments:
     road_ends: Floats
     closed: NDArray[np.bool_]
     family: Ints
+    of_graph: NDArray[np.bool_]
 
     @classmethod
     def of(cls, roads: Sequence[Road]) -> "Segments":
@@ -48,10 +49,11 @@ class Segments:
         names: dict[str, int] = {}
         family = np.array([names.setdefault(road.family, len(names)) for road in roads], int)
         closed = np.array([road.closed for road in roads], bool)
+        of_graph = np.array([road.of_graph for road in roads], bool)
         if not roads:
             none = np.zeros(0)
             return cls(np.zeros((0, 2)), np.zeros((0, 2)), none, none, none, np.zeros(0, int),
-                       none, none, np.zeros((0, 2, 2)), closed, family)  # fmt: skip
+                       none, none, np.zeros((0, 2, 2)), closed, family, of_graph)  # fmt: skip
         paths = [road.path for road in roads]
         start = np.concatenate([path[:-1] for path in paths])
         end = np.concatenate([path[1:] for path in paths])
@@ -64,15 +66,24 @@ class Segments:
         )
         owner = np.repeat(np.arange(len(roads)), [len(path) - 1 for path in paths])
         ends = np.stack([path[[0, -1]] for path in paths])
-        return cls._lasting(start, end, width, section, owner, ends, closed, family)
+        return cls._lasting(start, end, width, section, owner, ends, closed, family, of_graph)
 
     @classmethod
     def _flat(cls, roads: Roads) -> "Segments":
         section = np.full(len(roads.width), np.nan) if roads.section is None else roads.section
         ends = np.stack([roads.points[roads.first[:-1]], roads.points[roads.first[1:] - 1]], 1)
         family = np.unique(roads.family, return_inverse=True)[1]
+        lines = np.array([name in ("", "xi", "eta") for name in roads.names])
         return cls._lasting(
-            roads.starts, roads.ends, roads.width, section, roads.owner, ends, roads.closed, family
+            roads.starts,
+            roads.ends,
+            roads.width,
+            section,
+            roads.owner,
+            ends,
+            roads.closed,
+            family,
+            ~lines[roads.family],
         )
 
     @classmethod
@@ -86,6 +97,7 @@ class Segments:
         ends: Floats,
         closed: NDArray[np.bool_],
         family: Ints,
+        of_graph: NDArray[np.bool_],
     ) -> "Segments":
         """Those of the segments that have a length."""
         length = np.hypot(*(end - start).T)
@@ -95,7 +107,9 @@ class Segments:
         total = np.bincount(owner, length, len(ends)).astype(float)
         walked = np.cumsum(length) - length
         at = walked - (np.cumsum(total) - total)[owner]
-        return cls(start, end, width, section, length, owner, at, total, ends, closed, family)
+        return cls(
+            start, end, width, section, length, owner, at, total, ends, closed, family, of_graph
+        )
 
     def areas(self, height: float) -> Floats:
         """Section of each in a layer of this height, shape (n,), mm^2."""
@@ -133,6 +147,15 @@ class Segments:
     def point(self, index: Ints, place: Floats) -> Floats:
         """Where the position `place` of a road lies, given a segment that holds it."""
         return self.start[index] + (place - self.at[index])[:, None] * self.unit[index]
+
+    def sharing(self, i: Ints, j: Ints) -> NDArray[np.bool_]:
+        """Which of these pairs are edges of one graph that meet in a node."""
+        meet = np.zeros(len(i), bool)
+        for a in (self.start[i], self.end[i]):
+            for b in (self.start[j], self.end[j]):
+                meet |= np.hypot(*(a - b).T) < _TOUCH
+        graph, family = self.of_graph[self.road], self.family[self.road]
+        return meet & graph[i] & (family[i] == family[j])
 
     def nearest(self, index: Ints, xy: Floats) -> tuple[Floats, Floats]:
         """Distance of points to segments, and the position along the road of the nearest point."""

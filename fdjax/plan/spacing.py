@@ -38,9 +38,11 @@ def approaches(
     The limit is `least`, or where None the mean of the two widths. The distance of two segments
     is that of an end of one to the other (crossings are found elsewhere). Places of one run that
     are near each other along it too, by `NEAR_TURN` limits, belong to its turn and do not count;
-    nor, likewise, where one road ends and another goes on from there.
+    nor, likewise, where one road ends and another goes on from there, nor edges of a graph that
+    meet in a node.
     """
     same = segments.family[segments.road[i]] == segments.family[segments.road[j]]
+    same &= ~segments.sharing(i, j)
     i, j = i[same], j[same]
     limit = (segments.width[i] + segments.width[j]) / 2 if least is None else np.full(len(i), least)
     found = []

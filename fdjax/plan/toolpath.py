@@ -32,7 +32,8 @@ class Road:
     - `width`: road width of each segment, shape (segments,), mm.
     - `material`: number of the material or tool, from 0.
     - `closed`: whether the last point runs on to the first.
-    - `family`: "xi" or "eta" where the road follows grid lines of one family, else "".
+    - `family`: "xi" or "eta" where the road follows grid lines of one family, another name where it
+      follows edges of a graph, which may meet at its points; else "".
     - `section`: area of each segment's section, shape (segments,), mm^2, where it is not the one
       of `section_area` in a layer's height. `role`: what a slicer says that the road is.
 
@@ -79,6 +80,11 @@ class Road:
     def areas(self, height: float) -> Floats:
         """Section of each segment in a layer of this height, shape (segments,), mm^2."""
         return section_area(self.width, height) if self.section is None else self.section
+
+    @property
+    def of_graph(self) -> bool:
+        """Whether the road follows edges of a graph."""
+        return self.family not in ("", "xi", "eta")
 
     def segment_volumes(self, height: float) -> Floats:
         """Deposited volume of each segment in a layer of this height, shape (segments,), mm^3."""

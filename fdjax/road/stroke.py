@@ -39,3 +39,21 @@ class Lines:
     width: Sequence[Floats]
     material: int = 0
     press: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """Straight edges between nodes, each to be laid once, cut where a layer ends.
+
+    - `xy`: of the nodes, shape (nodes, 2), mm.
+    - `edges`: the two nodes of each edge, numbers from 0, shape (edges, 2).
+    - `width`: of each edge, shape (edges,), mm.
+    - `family`: a name that is neither "" nor a family of lines: roads of a graph meet in its nodes.
+    - `material`: number of the material or tool.
+    """
+
+    xy: Floats
+    edges: NDArray[np.intp]
+    width: Floats
+    family: str
+    material: int = 0

@@ -1,0 +1,244 @@
+"""Edges of meshes as roads: the nodes of several meshes, one a layer, are the controls.
+
+The deposit is that of the edges themselves, cut at the walls: nothing is a mean but the layers, and
+the nodes move until it is right. Which nodes are joined stays as it is.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from fdjax.limits import Limits
+from fdjax.mesh.dual import centre_points, circumcentres
+from fdjax.mesh.triangulation import Triangulation
+from fdjax.pattern.base import AbstractPattern, Penalties
+from fdjax.pattern.coarse import Lattice
+from fdjax.road.deposit import Points
+from fdjax.road.stroke import Graph
+from fdjax.road.wall_distance import WallDistance, inside
+
+FAMILY = "mesh"
+"""The name that its roads carry."""
+
+LEAST_ANGLE = 17.0
+"""Of a triangle, degrees: nodes come no nearer to folding it."""
+
+_STIFF = 10.0
+"""Nodes that move against each other by this share of a cell everywhere are a roughness of one,
+turned over."""
+
+
+_PATIENCE = 0.1
+"""A window with sharp edges differs from a soft one by more than what a longer design gains."""
+
+
+class Edges(NamedTuple):
+    """All edges of all meshes, sheet by sheet: a sheet is what one layer holds.
+
+    Numbers are over all meshes together; of the graph's nodes those of the triangulations come
+    first, then the points in the triangles.
+
+    - `nodes`: of the graph, shape (e, 2), of a dual's edge that of the triangle right of the edge
+      it crosses first; `sides`: the two of the triangulation's edge itself or crossed, (e, 2).
+    - `cells`: the triangles that an edge belongs to by halves, shape (e, 2).
+    - `room`: number of the room that it lies in; `z`: mm, and `section`: area of the road times
+      height over height, summed over the layers that it is laid on, mm^2; each of shape (e,).
+    """
+
+    nodes: Any
+    cells: Any
+    sides: Any
+    room: Any
+    z: Any
+    section: Any
+
+
+class Pieces(NamedTuple):
+    """Parts of edges, short beside a window: their edge, and where they start and end on it.
+
+    Shape (q,) each, the places as shares of the edge.
+    """
+
+    edge: Any
+    start: Any
+    end: Any
+
+
+class Cells(NamedTuple):
+    """The triangles of all meshes.
+
+    - `nodes`: shape (t, 3); `room`, `z` (mm), `height` (of the layers it is laid on, together, mm).
+    """
+
+    nodes: Any
+    room: Any
+    z: Any
+    height: Any
+
+
+class Realised(NamedTuple):
+    """The graph's nodes (n, 2), the ends of its edges (e, 2, 2), mm, and whether nothing folds."""
+
+    xy: Array
+    ends: Array
+    made: Bool[Array, ""]
+
+
+class MeshPattern(AbstractPattern):
+    """The edges of triangulations, or of their duals, are laid; their nodes are free.
+
+    - `first`: the nodes to start from, `rest`: where they lay before any design, both (n, 2), mm.
+    - `size`: of the cells around each node, shape (n,), mm.
+    - `links`: pairs of nodes that are joined in a triangulation, shape (l, 2).
+    - `walls`: distance from the walls; `width`: of the roads, mm.
+    - `coarse`: by which nodes step together.
+    - `dual`: "centre" or "voronoi" points in the triangles.
+    - `sheets`: first edge of each sheet and the one beyond its last; layer k holds sheet k modulo
+      their number.
+    - `kind`: what is laid, as the settings name it.
+    """
+
+    first: Array
+    rest: Array
+    size: Array
+    links: Array
+    edges: Edges
+    pieces: Pieces
+    triangles: Cells
+    walls: WallDistance
+    coarse: tuple[Lattice, ...]
+    width: float
+    dual: str = eqx.field(static=True)
+    sheets: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    layers: int = eqx.field(static=True)
+    kind: str = eqx.field(static=True)
+
+    def controls(self) -> Array:
+        return self.first
+
+    def at(self, controls: Array) -> "MeshPattern":
+        return eqx.tree_at(lambda p: p.first, self, controls)
+
+    def realise(self, controls: Array) -> Realised:
+        xy = self.nodes(controls)
+        corner = controls[self.triangles.nodes]
+        area = _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        return Realised(xy, xy[self.edges.nodes], (area > 0).all() & jnp.isfinite(xy).all())
+
+    def nodes(self, controls: Any) -> Any:
+        """The graph's nodes: those of the triangulations, then the points in the triangles."""
+        points = centre_points if self.dual == "centre" else circumcentres
+        return jnp.concatenate([controls, points(controls, self.triangles.nodes)])
+
+    def deposit(self, realised: Realised) -> Points:
+        pieces, edge = self.pieces, self.pieces.edge
+        first, along = realised.ends[:, 0], realised.ends[:, 1] - realised.ends[:, 0]
+        start, end = (first[edge] + at[:, None] * along[edge] for at in (pieces.start, pieces.end))
+        room = self.edges.room[edge]
+        share, middle = inside(start, end, self.walls.at(start, room), self.walls.at(end, room))
+        run = share * (pieces.end - pieces.start) * _length(along)[edge]
+        xyz = jnp.concatenate([middle, self.edges.z[edge][:, None]], 1)
+        return Points(xyz, run * self.edges.section[edge])
+
+    def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
+        cells = self.triangles
+        half = _length(realised.ends[:, 1] - realised.ends[:, 0]) * self.edges.section / 2
+        held = jnp.zeros(len(cells.room)).at[self.edges.cells].add(half[:, None])
+        corner = realised.xy[cells.nodes]
+        area = _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
+        middle = corner.mean(1)
+        volume = area * cells.height
+        within = self.walls.at(middle, cells.room) > 0
+        xyz = jnp.concatenate([middle, cells.z[:, None]], 1)
+        return xyz, 1 - held / volume, jnp.where(within, volume, 0.0)
+
+    def penalties(self, realised: Realised, limits: Limits) -> Penalties:
+        """Angles of triangles below `LEAST_ANGLE`, and edges shorter than roads may be apart, of a
+        Voronoi diagram below none.
+        """
+        corner = realised.xy[self.triangles.nodes]
+        first, second = jnp.roll(corner, -1, 1) - corner, jnp.roll(corner, 1, 1) - corner
+        across = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+        angle = jnp.degrees(jnp.arctan2(across, (first * second).sum(-1)))
+        along = realised.ends[:, 1] - realised.ends[:, 0]
+        least = limits.least_spacing or self.width
+        excess = 1 - _length(along) / least
+        if self.dual == "voronoi":
+            # The plan contracts short edges; but the centres of two triangles that are no longer
+            # Delaunay's have changed places, and roads would cross.
+            side = realised.xy[self.edges.sides]
+            over = side[:, 1] - side[:, 0]
+            of_dual = self.edges.nodes[:, 0] >= len(self.first)
+            excess = jnp.where(of_dual, -_cross(over, along) / _length(over) / least, excess)
+        laid = self.walls.at(realised.ends.mean(1), self.edges.room) > 0
+        return {
+            "angle": (1 - angle / LEAST_ANGLE).ravel(),
+            "edge": jnp.where(laid, excess, -1.0),
+        }
+
+    def roughness(self, controls: Array) -> Float[Array, " n"]:
+        moved = controls - self.rest
+        a, b = self.links.T
+        strain = (moved[a] - moved[b]) / ((self.size[a] + self.size[b]) / 2)[:, None]
+        return _STIFF * strain.ravel() / np.sqrt(len(self.links))
+
+    def scale(self, step: Array) -> Array:
+        return sum((each.moved(step) for each in self.coarse), step * self.size[:, None])
+
+    @property
+    def patience(self) -> float:
+        return _PATIENCE
+
+    def widths(self, realised: Realised) -> tuple[Array, Array]:
+        width = jnp.asarray(self.width)
+        return width, width
+
+    def strokes(self, controls: Array) -> Iterator[Sequence[Graph]]:
+        xy = np.asarray(self.nodes(controls))
+        ends = np.asarray(self.edges.nodes)
+        sheets = [self._sheet(xy, ends[first:last]) for first, last in self.sheets]
+        for layer in range(self.layers):
+            yield sheets[layer % len(sheets)]
+
+    def _sheet(self, xy: np.ndarray, edges: np.ndarray) -> list[Graph]:
+        nodes, number = np.unique(edges, return_inverse=True)
+        return [Graph(xy[nodes], number.reshape(-1, 2), np.full(len(edges), self.width), FAMILY)]
+
+    def facts(self, controls: Array) -> dict[str, Any]:
+        """Meshes, their cells, angles and the lengths of their edges inside."""
+        realised = self.realise(jnp.asarray(controls))
+        xy, ends = np.asarray(realised.xy), np.asarray(realised.ends)
+        within = np.asarray(self.walls.at(jnp.asarray(ends.mean(1)), self.edges.room)) > 0
+        length = np.hypot(*(ends[:, 1] - ends[:, 0]).T)[within]
+        nodes = np.asarray(self.triangles.nodes)
+        middle = jnp.asarray(xy[nodes].mean(1))
+        inner = np.asarray(self.walls.at(middle, self.triangles.room)) > 0
+        angles = Triangulation(xy, nodes[inner]).angles.min(1)
+        return {
+            "kind": "mesh",
+            "cells": self.kind,
+            "sheets": len(self.sheets),
+            "nodes": len(self.first),
+            "triangles": int(inner.sum()),
+            "edges": int(within.sum()),
+            "edge_length": [float(length.min()), float(np.median(length)), float(length.max())],
+            "least_angle": float(angles.min()),
+            "median_angle": float(np.median(angles)),
+        }
+
+
+def _cross(a: Any, b: Any) -> Any:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _length(along: Array) -> Array:
+    """Lengths (n,) of vectors (n, 2), with a slope where one has none."""
+    return jnp.sqrt((along**2).sum(1) + _NO_LENGTH**2)
+
+
+_NO_LENGTH = 1e-9
+"""mm, far below any length that matters."""

@@ -1,0 +1,140 @@
+"""Edges of meshes: where design sees their material, against the roads that a plan lays."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import shapely
+from jax.flatten_util import ravel_pytree
+
+from fdjax.errors import InputError
+from fdjax.formats import profile
+from fdjax.limits import Limits
+from fdjax.optimise.design import design
+from fdjax.optimise.objective import Objective
+from fdjax.part.part import Part
+from fdjax.pattern.mesh import CELLS, Mesh
+from fdjax.plan.check import check
+from fdjax.plan.compare import compare
+from fdjax.plan.measure import measure
+from fdjax.plan.trace import lay
+from fdjax.road.window import SoftWindows
+from fdjax.target.target import Target, expression
+
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
+MARLIN = profile.load("marlin-0.4")
+DISC = shapely.Point(20, 20).buffer(20, quad_segs=24).difference(shapely.Point(14, 24).buffer(4))
+LINEAR = expression("0.15 + 0.2*x/40", quantity="solid")
+
+
+def plate(layers=10):
+    return Part.plate(DISC, layers=layers, height=0.2)
+
+
+def begun(part=None, target=LINEAR, **settings):
+    return Mesh(**settings).begin(part or plate(), target, MARLIN.limits, 5.0)
+
+
+def planned(result_or_pattern, part):
+    strokes = result_or_pattern
+    return lay(strokes, part, lift_length=4.0, least_road=1.0, clearance=5e-3)
+
+
+@pytest.mark.parametrize("cells", CELLS)
+def test_the_deposit_is_what_a_plan_lays(cells):
+    part = plate()
+    pattern = begun(part, cells=cells)
+    modelled = float(jax.jit(lambda p: p.deposit(p.realise(p.first)).volume.sum())(pattern))
+    build = planned(pattern.strokes(pattern.first), part)
+    assert build.volume + build.thinned == pytest.approx(modelled, rel=0.01)
+    assert build.volume == pytest.approx(float(LINEAR_VOLUME), rel=0.08)
+
+
+LINEAR_VOLUME = shapely.area(DISC) * 2.0 * (0.15 + 0.2 * shapely.centroid(DISC).x / 40)
+"""mm^3 that the target asks for in ten layers of 0.2 mm."""
+
+
+@pytest.mark.parametrize("cells", CELLS)
+def test_gradients_agree_with_central_differences(cells):
+    part = plate(5)
+    pattern = begun(part, cells=cells, phases=2)
+    windows = SoftWindows.over(part, LINEAR.solid, 5.0, flat=True)
+    objective = Objective(pattern, windows, LINEAR, MARLIN.limits)
+    free, unravel = ravel_pytree(pattern.controls())
+
+    @jax.jit
+    def value(free):
+        residuals, _ = objective(unravel(free))
+        return 1e3 * sum((part**2).sum() for part in jax.tree.leaves(residuals))
+
+    gradient = jax.jit(jax.grad(value))(free)
+    norm = float(jnp.linalg.norm(gradient))
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        way = jnp.asarray(rng.normal(size=free.size))
+        way = way / jnp.linalg.norm(way)
+        h = 1e-5
+        wide = (value(free + 2 * h * way) - value(free - 2 * h * way)) / (4 * h)
+        close = (value(free + h * way) - value(free - h * way)) / (2 * h)
+        slope = float(4 * close - wide) / 3
+        forward = jax.jvp(value, (free,), (way,))[1]
+        assert float(gradient @ way) == pytest.approx(slope, abs=1e-6 * norm)
+        assert float(forward) == pytest.approx(slope, abs=1e-6 * norm)
+
+
+@pytest.mark.parametrize("cells", ["triangles", "centre-dual"])
+def test_a_disc_with_a_hole_meets_its_target_in_the_roads(cells):
+    part = plate()
+    found = design(part, LINEAR, limits=MARLIN.limits, pattern=Mesh(cells=cells))
+    assert found.made
+    assert found.broken == {}
+    build = planned(found.strokes(), part)
+    assert compare(measure(build, window=5.0), LINEAR).rms < 0.012
+    assert build.volume == pytest.approx(found.volume, rel=0.01)
+    better = planned(found.corrected(*build.deposits(1.25)).strokes(), part)
+    assert better.volume == pytest.approx(found.volume, rel=0.003)
+    findings = check(better.replace(origin=(9, 9)), Limits(least_road=1.0))
+    assert {finding.severity for finding in findings} <= {"warning"}
+    facts = found.pattern.facts(found.controls)
+    assert facts["least_angle"] > 15
+    assert facts["median_angle"] > 40
+    assert facts["edge_length"][0] > 0.39
+
+
+def test_cells_hold_what_the_whole_does():
+    part = plate()
+    pattern = begun(part, cells="triangles-and-centre-dual")
+    xyz, porosity, volume = pattern.cells(pattern.realise(pattern.first))
+    solid = float(((1 - porosity) * volume).sum() / volume.sum())
+    assert solid == pytest.approx(float(LINEAR_VOLUME / (shapely.area(DISC) * 2)), rel=0.08)
+    assert xyz.shape == (len(volume), 3)
+
+
+def test_a_triangulation_and_its_dual_lie_on_layers_in_turn():
+    pattern = begun(cells="triangles-and-centre-dual", phases=2)
+    layers = [layer[0] for layer in pattern.strokes(pattern.first)]
+    assert layers[0] is layers[4]
+    degree = [np.median(np.bincount(each.edges.ravel())) for each in layers[:4]]
+    assert degree == [6, 3, 6, 3]
+
+
+def test_layers_may_differ_and_a_target_may_rise():
+    part = Part.stack([DISC, DISC, shapely.box(0, 0, 40, 40)], 0.2)
+    rising = Target(lambda x, y, z: 0.7 + 0 * x + 0.1 * z, "porosity")
+    pattern = begun(part, rising)
+    assert len(pattern.sheets) == 3
+    build = planned(pattern.strokes(pattern.first), part)
+    asked = sum(slab.region.area * 0.2 * (0.3 - 0.1 * (slab.z - 0.1)) for slab in part.slabs)
+    assert build.volume == pytest.approx(asked, rel=0.08)
+
+
+def test_what_cannot_be_meshed_is_refused_before_it_is_tried():
+    for solid, said in (("0*x", "size is inf mm"), ("0.001 + 0*x", "more than half the part")):
+        with pytest.raises(InputError, match=said):
+            begun(target=expression(solid, quantity="solid"))
+    huge = Part.plate(shapely.box(0, 0, 4000, 4000), layers=2)
+    with pytest.raises(InputError, match=r"triangles; 1e.06 at most"):
+        begun(huge)
+    with pytest.raises(InputError, match=r'cells: "squares" is not one of triangles'):
+        Mesh(cells="squares")
