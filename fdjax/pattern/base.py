@@ -16,7 +16,7 @@ from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.road.deposit import Deposit
 from fdjax.road.stacking import MODES, Stacking
-from fdjax.road.stroke import Lines
+from fdjax.road.stroke import Stroke
 from fdjax.target.target import Target
 
 Penalties = dict[str, Array]
@@ -74,7 +74,7 @@ class AbstractPattern(eqx.Module):
         """Least and largest road width, mm."""
 
     @abstractmethod
-    def strokes(self, controls: Any) -> Iterator[Sequence[Lines]]:
+    def strokes(self, controls: Any) -> Iterator[Sequence[Stroke]]:
         """What is to be laid on each layer, from the bed upwards."""
 
     @abstractmethod
@@ -135,6 +135,7 @@ class AbstractSettings:
     - `mode`, `phases`: how families follow each other from layer to layer, see `road.stacking`.
     - `road_width`: mm, or where the design starts; `controls`: what the design may change.
     - `corrections`: how often a design is worth correcting by what a plan of it lays.
+    - `shared_nodes`: whether roads of a layer meet in points of theirs.
     """
 
     mode: str
@@ -142,6 +143,7 @@ class AbstractSettings:
     road_width: float
     controls: tuple[str, ...]
     corrections: int = 0
+    shared_nodes: bool = False
 
     @abstractmethod
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> AbstractPattern:

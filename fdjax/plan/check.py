@@ -50,20 +50,26 @@ class Finding:
 
 
 def check(
-    build: Build, limits: Limits | None = None, *, both_families: bool = False
+    build: Build,
+    limits: Limits | None = None,
+    *,
+    both_families: bool = False,
+    shared_nodes: bool = False,
 ) -> tuple[Finding, ...]:
     """Everything about a build that a machine with these limits cannot lay, or not well.
 
     One finding a kind and layer, layer by layer:
 
     - crossing (error): roads that cross or touch, a road and itself too. With `both_families`
-      crossings of "xi" with "eta" roads are nodes (warning): their number and excess volume, the
+      crossings of "xi" with "eta" roads are nodes (warning), and with `shared_nodes` those at
+      points that both roads have, as roads of a graph do: their number and excess volume, the
       sum of `w1 w2 / sin(angle) * height`, the overlap of two straight beads with flat sides
       (the sine is kept above 0.1; roads that run along one another are not counted).
     - width, layer height (error): outside the machine's range.
     - spacing: centre lines of one family closer than the least spacing, or than their mean width
       where the machine names none: a warning, and an error below half of it, where one bead
-      lies on the other. A run's own turn does not count (see `approaches`).
+      lies on the other. A run's own turn does not count, nor what lies by such a node of both
+      roads (see `approaches`).
     - short road (error): shorter than the least road, whose flow cannot be started and stopped.
     - span (warning): a stretch of road over no bead of the layer below, ends included, longer
       than the longest span. The first layer lies on the bed.
@@ -80,7 +86,7 @@ def check(
         tree = STRtree(segments.boxes(reach / 2))
         found = [
             *_sizes(layer, segments, limits),
-            *_pairs(layer, segments, tree, limits, both_families),
+            *_pairs(layer, segments, tree, limits, both_families, shared_nodes),
             *_spans(segments, below, limits),
             *_outline(layer, segments),
             *_bed(build, layer, segments, limits),
@@ -127,22 +133,27 @@ def _sizes(layer: Layer, segments: Segments, limits: Limits) -> _Found:
 
 
 def _pairs(
-    layer: Layer, segments: Segments, tree: STRtree, limits: Limits, both_families: bool
+    layer: Layer,
+    segments: Segments,
+    tree: STRtree,
+    limits: Limits,
+    both_families: bool,
+    shared_nodes: bool,
 ) -> _Found:
     i, j = segments.near_pairs(tree)
     crossings = segments.crossings(i, j)
-    node = np.zeros(len(crossings.i), bool)
+    node = crossings.vertex & shared_nodes
     if both_families:
         families = np.array([road.family for road in layer.roads])
         pair = np.stack([families[segments.road[k]] for k in (crossings.i, crossings.j)], 1)
-        node = (np.sort(pair, axis=1) == ["eta", "xi"]).all(1)
+        node |= (np.sort(pair, axis=1) == ["eta", "xi"]).all(1)
     count = int((~node).sum())
     if count:
         text = f"roads cross in {count} places"
         yield "error", "crossing", text, _place(crossings.xy[~node][0]), count, float(count)
     if node.any():
         yield _nodes(segments, crossings, node, layer.height)
-    close = approaches(segments, i, j, limits.least_spacing, _SLACK)
+    close = approaches(segments, i, j, limits.least_spacing, _SLACK, shared_nodes=shared_nodes)
     if len(close.i):
         worst = int(np.argmin(close.distance / close.limit))
         gap, limit = float(close.distance[worst]), float(close.limit[worst])
@@ -160,7 +171,7 @@ def _nodes(
     sine = np.maximum(crossings.sine[node], 0.1)
     excess = segments.width[crossings.i[node]] * segments.width[crossings.j[node]] / sine * height
     count, volume = int(node.sum()), float(excess.sum())
-    text = f"the families meet in {count} nodes, {volume:.3f} mm^3 more than the layer holds"
+    text = f"roads meet in {count} nodes, {volume:.3f} mm^3 more than the layer holds"
     place = _place(crossings.xy[node][np.argmax(excess)])
     return "warning", "nodes", text, place, count, volume
 

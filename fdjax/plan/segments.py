@@ -115,13 +115,34 @@ class Segments:
         hit &= (u >= -edge) & (u <= 1 + edge)
         i, j, t, u = i[hit], j[hit], t[hit], u[hit]
         inside = ~(self.at_free_end(i, t) | self.at_free_end(j, u))
-        i, j, t = i[inside], j[inside], t[inside]
+        i, j, t, u = i[inside], j[inside], t[inside], u[inside]
         xy = self.start[i] + t[:, None] * (self.end - self.start)[i]
+        vertex = self._at_vertex(i, t) & self._at_vertex(j, u)
         sine = np.abs(across[hit][inside]) / size[hit][inside]
         # A crossing at a vertex is found once for each segment that ends there.
         places = np.column_stack([self.road[i], self.road[j], np.round(xy / _TOUCH)])
         first = np.sort(np.unique(places, axis=0, return_index=True)[1])
-        return Crossings(i[first], j[first], xy[first], sine[first])
+        return Crossings(i[first], j[first], xy[first], sine[first], vertex[first])
+
+    def _at_vertex(self, index: Ints, share: Floats) -> NDArray[np.bool_]:
+        return np.minimum(share, 1 - share) * self.length[index] <= _TOUCH
+
+    @cached_property
+    def nodes(self) -> "Nodes":
+        """The points that several roads, or one several times, have among theirs."""
+        road = np.concatenate([self.road, self.road])
+        at = np.concatenate([self.at, self.at + self.length])
+        total = self.road_length[road]
+        at = np.where(self.closed[road] & (at >= total - _TOUCH), at - total, at)
+        places = np.round(np.concatenate([self.start, self.end]) / _TOUCH)
+        _, first, owner = np.unique(places, axis=0, return_index=True, return_inverse=True)
+        passes = np.unique(np.stack([owner, road, np.round(at / _TOUCH)], 1), axis=0)
+        node, road = passes[:, 0].astype(int), passes[:, 1].astype(int)
+        shared = np.bincount(node, minlength=len(first)) > 1
+        number = np.cumsum(shared) - 1
+        kept = shared[node]
+        xy = np.concatenate([self.start, self.end])[first[shared]]
+        return Nodes(xy, number[node[kept]], road[kept])
 
     def at_free_end(self, index: Ints, share: Floats) -> NDArray[np.bool_]:
         """Whether the place at this share of a segment is where an open road starts or ends."""
@@ -132,12 +153,24 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Pairs of segments that cross: where, and the sine of the angle between them."""
+    """Pairs of segments that cross: where, the sine of the angle between them, and whether that
+    place is a point of both roads.
+    """
 
     i: Ints
     j: Ints
     xy: Floats
     sine: Floats
+    vertex: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Points that roads share, shape (nodes, 2), mm, and the node and the road of each pass."""
+
+    xy: Floats
+    node: Ints
+    road: Ints
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -39,3 +39,22 @@ class Lines:
     width: Sequence[Floats]
     material: int = 0
     press: float = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """Nodes and straight edges between them, each edge to be laid once; they meet in nodes only.
+
+    - `xy`: of the nodes, shape (nodes, 2), mm; `edges`: two nodes each, shape (edges, 2).
+    - `width`: of each edge, shape (edges,), mm.
+    - `family`: name of the roads; `material`: number of the material or tool.
+    """
+
+    xy: Floats
+    edges: NDArray[np.intp]
+    width: Floats
+    family: str
+    material: int = 0
+
+
+Stroke = Lines | Graph
