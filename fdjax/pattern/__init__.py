@@ -8,6 +8,7 @@ if TYPE_CHECKING:
 
 PATTERNS = {
     "isolines": "isolines:Isolines",
+    "texture": "textures:Textures",
     "grid-lines": "map_lines:MapLines",
 }
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""

@@ -19,7 +19,6 @@ from fdjax.field.spline import Axis, product
 from fdjax.pattern.base import AbstractPattern, Panel
 from fdjax.pattern.width import within
 from fdjax.road.room import Room
-from fdjax.road.stacking import Stacking
 
 jax.tree_util.register_static(Axis)
 
@@ -105,7 +104,6 @@ class ChartPattern(AbstractPattern):
     reach: float
     axes: tuple[Axis, Axis, Axis] = eqx.field(static=True)
     middles: tuple[float, ...] = eqx.field(static=True)
-    stacking: Stacking = eqx.field(static=True)
     sources: tuple[bool, bool] = eqx.field(static=True)
 
     def controls(self) -> Controls:

@@ -128,7 +128,7 @@ class ChartSettings(AbstractSettings):
         )
 
     def chart(self, start: Start, xi: Floats, eta: Floats) -> dict[str, Any]:
-        """The fields of a `ChartPattern`, but for its stacking, from its first coefficients."""
+        """The fields of a `ChartPattern`, from its first coefficients."""
         axes, room = start.axes, start.room
         sources = "p" in self.controls, "q" in self.controls
         poisson = Poisson.over(axes[0], axes[1]) if any(sources) else None

@@ -7,6 +7,7 @@ phase, is |grad xi|: nothing has to be traced to know where the material goes.
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +29,7 @@ from fdjax.pattern.chart import (
 )
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Raster
-from fdjax.road.stacking import FAMILIES, Scan
+from fdjax.road.stacking import FAMILIES, Scan, Stacking
 from fdjax.road.stroke import APART, LONGEST_JOIN, Lines
 
 SKEW = 0.8
@@ -44,8 +45,12 @@ _FINE = 8
 class IsolinePattern(ChartPattern):
     """The roads of a family lie where its function is k + phase, k whole.
 
+    - `stacking`: which family's lines lie on which layer.
+
     `reach` is over the lines of the other family.
     """
+
+    stacking: Stacking = eqx.field(static=True)
 
     def deposit(self, realised: Realised) -> Raster:
         """Lines by |grad| over the room for centre lines, and turn-arounds along its walls.
