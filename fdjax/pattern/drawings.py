@@ -55,7 +55,7 @@ def _reentrant() -> UnitCell:
 
 def _wave() -> UnitCell:
     """A level set of the gyroid as slicers draw it: parallel waves."""
-    x = np.linspace(0, 1, 25)
+    x = np.linspace(0, 1, 17)
     wave = np.stack([x, 0.5 + 0.2 * np.sin(2 * np.pi * x)], 1)
     return UnitCell.of(list(pairwise(wave.tolist())), (1, 1))
 

@@ -55,27 +55,27 @@ def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> lis
 
 def _nearest_first(ends: Floats, begin: Floats) -> list[int]:
     """Ends in the order in which they are met; end `2 k` is the first of road k."""
-    free = ends.reshape(-1, 2).copy()
+    # Coordinates apart: a sum over pairs costs five times as much.
+    x, y = ends.reshape(-1, 2).T.copy()
     met: list[int] = []
     here = begin
     for _ in range(len(ends)):
-        offset = free - here
-        end = int(np.argmin((offset * offset).sum(1)))
+        end = int(np.argmin((x - here[0]) ** 2 + (y - here[1]) ** 2))
         met += [end, end ^ 1]
         here = ends[end // 2, 1 - end % 2]
-        free[end] = free[end ^ 1] = np.inf
+        x[end] = x[end ^ 1] = np.inf
     return met
 
 
 def _neighbours(ends: Floats) -> list[list[int]]:
     """The nearest ends of other roads to each end, nearest first."""
     points = ends.reshape(-1, 2)
+    x, y = points.T.copy()
     count = min(_NEIGHBOURS, len(points) - 2)
     found: list[list[int]] = []
     for low in range(0, len(points), 256):
         rows = np.arange(low, min(low + 256, len(points)))
-        offset = points[rows, None] - points
-        square = (offset * offset).sum(-1)
+        square = (x[rows, None] - x) ** 2 + (y[rows, None] - y) ** 2
         square[rows - low, rows] = square[rows - low, rows ^ 1] = np.inf
         near = np.sort(np.argpartition(square, count - 1, axis=1)[:, :count], axis=1)
         ranked = np.argsort(np.take_along_axis(square, near, 1), axis=1, kind="stable")
