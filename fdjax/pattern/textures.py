@@ -53,6 +53,10 @@ class Textures(ChartSettings):
         CELL, "the drawing that repeats: by name, or lines in a cell of this size, in any unit",
         default="hexagonal",
     )  # fmt: skip
+    angle: float = key(
+        number(-360, 360), "degrees by which the drawing is turned, to begin with; rows that run "
+        "along a wall would lie in the part or beyond it as a whole", default=15.0,
+    )  # fmt: skip
     phases: int = key(
         whole(1, 100), "layers over which the drawing is moved; 1 lays all alike", default=5
     )

@@ -164,12 +164,14 @@ class UnitCell:
 
     @cached_property
     def pore(self) -> float:
-        """Longest way over a face of the drawing; of open strips the longer side of the cell."""
+        """Diameter of the circle as large as the largest face; without any the cell's longer side.
+
+        Which stretches of a layer really lie over nothing is seen in its plan.
+        """
         lines = shapely.union_all(np.asarray(shapely.linestrings(self.tiled(range(-1, 2)))))
         faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
-        corners = [shapely.get_coordinates(shapely.convex_hull(face)) for face in faces]
-        ways = [float(np.hypot(*(c[:, None] - c).T).max()) for c in corners]
-        return max(ways, default=max(self.size))
+        largest = float(shapely.area(faces).max(initial=0.0))
+        return 2 * (largest / np.pi) ** 0.5 if largest > 0 else max(self.size)
 
 
 def _place(geometry: shapely.Geometry, size: tuple[float, float]) -> str:

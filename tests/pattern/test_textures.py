@@ -150,5 +150,5 @@ def test_a_fold_is_a_broken_limit():
 
 def test_a_target_beyond_the_drawing_is_refused_at_once():
     part = Part.plate(DISC)
-    with pytest.raises(InputError, match=r"porosity 0\.950 is asked.*can give"):
-        begun(part, expression("0.05", quantity="solid"))
+    with pytest.raises(InputError, match=r"porosity 0\.970 is asked.*can give"):
+        begun(part, expression("0.03", quantity="solid"))
