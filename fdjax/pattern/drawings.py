@@ -79,6 +79,6 @@ def drawing(name: str) -> UnitCell:
     """The unit cell of this name.
 
     >>> round(drawing("hexagonal").density, 6), round(drawing("hexagonal").pore, 6)
-    (1.154701, 1.818784)
+    (1.154701, 1.818783)
     """
     return _DRAWINGS[name]()
