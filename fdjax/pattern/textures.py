@@ -1,22 +1,15 @@
-"""Textures as roads: what a user says of them, and how they begin.
-
-The drawing begins undistorted, at the scale that the mean of the target asks for.
-"""
+"""Textures as roads: what a user says of them."""
 # ruff: noqa: RUF009 - `key` gives a dataclass field
 
 from dataclasses import dataclass
-from math import gcd
 from typing import Any
 
-import jax.numpy as jnp
-import numpy as np
-
 from fdjax.errors import InputError
-from fdjax.keys import Kind, Place, choice, key, number, pair, points, whole
+from fdjax.keys import Kind, Place, choice, key, number, pair, points
 from fdjax.limits import Limits
 from fdjax.part.part import Part
-from fdjax.pattern.chart_settings import ChartSettings, spline_of
 from fdjax.pattern.drawings import NAMES, drawing
+from fdjax.pattern.drawn_settings import DrawnSettings
 from fdjax.pattern.texture_pattern import TexturePattern
 from fdjax.pattern.unit_cell import UnitCell
 from fdjax.target.target import Target
@@ -43,7 +36,7 @@ CELL = Kind(f"{', '.join(NAMES)}, or `{{size = [a, b], lines = list of points}}`
 
 
 @dataclass(frozen=True)
-class Textures(ChartSettings):
+class Textures(DrawnSettings):
     """A unit cell repeated over a part, for any outline and target.
 
     Lengths in mm. See the job's keys for what each value means.
@@ -53,52 +46,12 @@ class Textures(ChartSettings):
         CELL, "the drawing that repeats: by name, or lines in a cell of this size, in any unit",
         default="hexagonal",
     )  # fmt: skip
-    angle: float = key(
-        number(-360, 360), "degrees by which the drawing is turned, to begin with; rows that run "
-        "along a wall would lie in the part or beyond it as a whole", default=15.0,
-    )  # fmt: skip
-    phases: int = key(
-        whole(1, 100), "layers over which the drawing is moved; 1 lays all alike", default=5
-    )
-    mode = "both"
     shared_nodes = True
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> TexturePattern:
-        """The drawing, undistorted and turned by `angle`, as dense as the target asks in the mean.
-
-        Raises `InputError` for a target beyond what its gaps and pores allow, and for a region
-        with no room for a road.
-        """
+        """The drawing as `DrawnSettings.drawing` begins it, and raises."""
         cell = self.cell
-        lengths = cell.density * cell.pore, cell.density * cell.gap
-        start = self.start(part, target, limits, window, lengths=lengths)
-        mean = float(np.average(start.demand, weights=start.weight))
-        scale = mean / cell.density
-        places = [np.linspace(axis.low, axis.high, 2 * axis.count) for axis in start.axes[:2]]
-        x, y = np.meshgrid(*places, indexing="ij")
-        turn = scale * np.exp(1j * np.radians(self.angle))
-        xi, eta = (
-            spline_of(start.axes, places, each)
-            for each in (turn.real * x + turn.imag * y, turn.real * y - turn.imag * x)
+        fields = self.drawing(
+            part, target, limits, window, directions=cell.directions, gap=cell.gap, pore=cell.pore
         )
-        return TexturePattern(
-            **self.chart(start, xi, eta),
-            directions=jnp.asarray(cell.directions),
-            cell=cell,
-            offsets=_offsets(self.phases, len(part.slabs)),
-        )
-
-
-def _offsets(phases: int, layers: int) -> tuple[tuple[float, float], ...]:
-    """By how much the drawing is moved on each layer, in periods along both axes.
-
-    A rule of good lattice points: the phases together are as even in both directions, as those of a
-    one-dimensional one are in one (Korobov 1959).
-    """
-    step = min(
-        (k for k in range(1, phases + 1) if gcd(k, phases) == 1),
-        key=lambda k: abs(k - 0.382 * phases),
-    )
-    return tuple(
-        ((k % phases + 0.5) / phases, (k * step % phases + 0.5) / phases) for k in range(layers)
-    )
+        return TexturePattern(**fields, kind="texture", cell=cell)
