@@ -9,6 +9,7 @@ if TYPE_CHECKING:
 PATTERNS = {
     "isolines": "isolines:Isolines",
     "texture": "textures:Textures",
+    "curve": "curves:Curves",
     "grid-lines": "map_lines:MapLines",
 }
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""

@@ -1,4 +1,4 @@
-"""Drawing a unit cell over a layer: the graph of all its cells, carried over by a chart.
+"""Drawing over a layer what repeats: the graph of a unit cell's copies, and lattices.
 
 Loads no JAX. The chart is inverted by Newton's method, each cell from a place inside it or from
 one of a neighbour.
@@ -72,6 +72,20 @@ def drawn(cell: UnitCell, chart: Chart, offset: Floats) -> tuple[Floats, Ints]:
     xy, found = inverse(chart.coefficients, chart.axes, values.reshape(-1, 2), at)
     edges = _edges(cell, cells, first, len(points))
     return xy, edges[found[edges].all(1)]
+
+
+def lattice(chart: Chart, offset: Floats) -> Floats:
+    """Places where both functions are whole numbers, over the chart's box: (2 n, 2 m, 2), mm.
+
+    nan where there is none near the box. `offset`: by which they are moved, in steps, shape (2,).
+    """
+    cells, guess = _cells(chart, np.ones(2), offset, _FINE / float(_slopes(chart).max()))
+    xy, found = inverse(chart.coefficients, chart.axes, cells + offset, guess)
+    # Squares of four nodes are alike for all offsets.
+    at = cells - cells.min(0) // 2 * 2
+    result = np.full((*(at.max(0) // 2 * 2 + 2), 2), np.nan)
+    result[tuple(at[found].T)] = xy[found]
+    return result
 
 
 def _slopes(chart: Chart) -> Floats:

@@ -57,4 +57,21 @@ class Graph:
     material: int = 0
 
 
-Stroke = Lines | Graph
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One road through a lattice of nodes, in squares of four that it goes through in some order.
+
+    - `xy`: of the nodes, shape (2 n, 2 m, 2), mm, nan where there is none.
+    - `rank`: of each square along the curve, whole numbers, shape (n, m).
+    - `width`: at each node, shape (2 n, 2 m), mm.
+    - `family`: name of the roads; `material`: number of the material or tool.
+    """
+
+    xy: Floats
+    rank: NDArray[np.intp]
+    width: Floats
+    family: str
+    material: int = 0
+
+
+Stroke = Lines | Graph | Curve
