@@ -18,8 +18,8 @@ class CurvePattern(DrawnPattern):
 
     order: str = eqx.field(static=True)
 
-    def stroke(self, chart: Chart, offset: tuple[float, float], controls: Controls) -> Curve:
-        xy = lattice(chart, 2 * np.array(offset))
+    def stroke(self, chart: Chart, offset: np.ndarray, controls: Controls) -> Curve:
+        xy = lattice(chart, 2 * offset)
         shape = xy.shape[0] // 2, xy.shape[1] // 2
         # A node that is not there has no width of its own.
         there = np.isfinite(xy).all(-1)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdjax.keys import choice, key
+from fdjax.keys import FLAG, choice, key
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.curve_order import NAMES
@@ -27,9 +27,10 @@ class Curves(DrawnSettings):
     """
 
     curve: str = key(
-        choice(*NAMES),
-        "whose order the road goes by, round its squares and back",
-        default="hilbert",
+        choice(*NAMES), "whose order the road goes by, round its squares", default="hilbert"
+    )
+    turned: bool = key(
+        FLAG, "every second layer turns the drawing by a quarter, in its plane", default=True
     )
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> CurvePattern:

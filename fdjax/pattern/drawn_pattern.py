@@ -8,7 +8,7 @@ has to be drawn to know where the material goes. A single edge along an axis giv
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -33,24 +33,34 @@ _TIGHT = 0.05
 """Between places looked at, roads come this share closer."""
 
 
+class Placing(NamedTuple):
+    """How a drawing lies on a layer: moved by shares of its periods, and turned by a quarter or
+    not.
+    """
+
+    xi: float
+    eta: float
+    turned: bool
+
+
 class DrawnPattern(ChartPattern):
     """A drawing in the plane of xi and eta, laid as a whole on each layer.
 
     - `directions`: of its edges, an area of 1, as vectors, shape (d, 2).
     - `gap`: least distance of its lines; `pore`: width of its largest opening; both in its units.
-    - `offsets`: by which it is moved on each layer, in periods, shape (layers, 2).
+    - `placing`: of the drawing on each layer.
     - `kind`: of the pattern, and the name of its roads' family.
     """
 
     directions: Array
     gap: float
     pore: float
-    offsets: tuple[tuple[float, float], ...] = eqx.field(static=True)
+    placing: tuple[Placing, ...] = eqx.field(static=True)
     kind: str = eqx.field(static=True)
 
     @abstractmethod
-    def stroke(self, chart: Chart, offset: tuple[float, float], controls: Controls) -> Stroke:
-        """The drawing on one layer."""
+    def stroke(self, chart: Chart, offset: np.ndarray, controls: Controls) -> Stroke:
+        """The drawing on one layer, moved by `offset` (2,), in periods."""
 
     def density(self, realised: Realised) -> Array:
         """Centre line an area on each layer, 1/mm, a mean over all ways to move the drawing."""
@@ -97,13 +107,16 @@ class DrawnPattern(ChartPattern):
     def strokes(self, controls: Controls) -> Iterator[Sequence[Stroke]]:
         coefficients = np.stack([np.asarray(each) for each in self.coefficients(controls)], -1)
         flat = self.axes[2].count == 1
-        made: dict[tuple[tuple[float, float], float], Stroke] = {}
-        for z, offset in zip(self.middles, self.offsets, strict=True):
-            at = offset, 0.0 if flat else z
+        made: dict[tuple[Placing, float], Stroke] = {}
+        for z, placing in zip(self.middles, self.placing, strict=True):
+            at = placing, 0.0 if flat else z
             if at not in made:
                 up = self.axes[2].basis(np.array([z]))[0]
-                chart = Chart(np.einsum("klmf,m->klf", coefficients, up), self.axes[:2])
-                made[at] = self.stroke(chart, offset, controls)
+                functions = np.einsum("klmf,m->klf", coefficients, up)
+                if placing.turned:
+                    functions = functions[..., ::-1] * [1, -1]
+                chart = Chart(functions, self.axes[:2])
+                made[at] = self.stroke(chart, np.array(placing[:2]), controls)
             yield [made[at]]
 
     def road_widths(self, controls: Controls, places: np.ndarray) -> np.ndarray:
@@ -129,7 +142,7 @@ class DrawnPattern(ChartPattern):
             "kind": self.kind,
             "coefficients": [axis.count for axis in self.axes],
             "knot_distance": [axis.step for axis in self.axes[:2]],
-            "phases": len(set(self.offsets)),
+            "placings": len(set(self.placing)),
             "gap": float(self.gap / steep.max()),
             "pore": float(self.pore / shallow.min()),
             "distortion": float((steep / shallow).max()),

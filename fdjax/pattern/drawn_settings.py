@@ -10,10 +10,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from fdjax.keys import key, number, whole
+from fdjax.keys import FLAG, key, number, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.chart_settings import ChartSettings, spline_of
+from fdjax.pattern.drawn_pattern import Placing
 from fdjax.target.target import Target
 
 
@@ -27,6 +28,9 @@ class DrawnSettings(ChartSettings):
     )  # fmt: skip
     phases: int = key(
         whole(1, 100), "layers over which the drawing is moved; 1 lays all alike", default=5
+    )
+    turned: bool = key(
+        FLAG, "every second layer turns the drawing by a quarter, in its plane", default=False
     )
     mode = "both"
 
@@ -47,6 +51,8 @@ class DrawnSettings(ChartSettings):
         Raises `InputError` for a target beyond what gaps and pores allow, and for a region with no
         room for a road.
         """
+        if self.turned:
+            directions = np.concatenate([directions, directions[:, ::-1] * [-1, 1]]) / 2
         density = float(np.hypot(*directions.T).sum())
         start = self.start(part, target, limits, window, lengths=(density * pore, density * gap))
         scale = float(np.average(start.demand, weights=start.weight)) / density
@@ -62,20 +68,23 @@ class DrawnSettings(ChartSettings):
             "directions": jnp.asarray(directions),
             "gap": gap,
             "pore": pore,
-            "offsets": _offsets(self.phases, len(part.slabs)),
+            "placing": _placing(self.phases, len(part.slabs), turned=self.turned),
         }
 
 
-def _offsets(phases: int, layers: int) -> tuple[tuple[float, float], ...]:
-    """By how much the drawing is moved on each layer, in periods along both axes.
+def _placing(phases: int, layers: int, *, turned: bool) -> tuple[Placing, ...]:
+    """How the drawing lies on each layer.
 
-    A rule of good lattice points: the phases together are as even in both directions, as those of a
-    one-dimensional one are in one (Korobov 1959).
+    Phases by a rule of good lattice points: together they are about as even in both directions as
+    those of lines are in one (Korobov 1959).
     """
     step = min(
         (k for k in range(1, phases + 1) if gcd(k, phases) == 1),
         key=lambda k: abs(k - 0.382 * phases),
     )
-    return tuple(
-        ((k % phases + 0.5) / phases, (k * step % phases + 0.5) / phases) for k in range(layers)
-    )
+    made = []
+    for layer in range(layers):
+        k = layer // 2 if turned else layer
+        places = (k % phases + 0.5) / phases, (k * step % phases + 0.5) / phases
+        made.append(Placing(*places, turned=turned and layer % 2 == 1))
+    return tuple(made)

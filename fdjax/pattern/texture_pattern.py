@@ -15,6 +15,6 @@ class TexturePattern(DrawnPattern):
 
     cell: UnitCell = eqx.field(static=True)
 
-    def stroke(self, chart: Chart, offset: tuple[float, float], controls: Controls) -> Graph:
-        xy, edges = drawn(self.cell, chart, np.array(offset))
+    def stroke(self, chart: Chart, offset: np.ndarray, controls: Controls) -> Graph:
+        xy, edges = drawn(self.cell, chart, offset)
         return Graph(xy, edges, self.road_widths(controls, xy[edges].mean(1)), self.kind)
