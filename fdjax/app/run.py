@@ -18,7 +18,7 @@ from fdjax.optimise.design import Design
 from fdjax.optimise.design import design as solve
 from fdjax.optimise.least_squares import Progress
 from fdjax.optimise.objective import WHOLE
-from fdjax.plan.check import check
+from fdjax.plan.check import Finding, check
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
 from fdjax.plan.measure import measure
@@ -122,12 +122,16 @@ def _faultiness(job: Job, plan: Build, machine: Machine, target: Target) -> tupl
     """
     if not job.pattern.corrections:
         return 0, 0.0
-    found = check(plan, machine.limits, both_families=job.pattern.mode.startswith("both"))
+    found = _checked(job, plan, machine)
     misses = 0.0
     for shift in ((0.0, 0.0), (0.5, 0.5)):
         seen = compare(measure(plan, window=job.target.window, shift=shift), target)
         misses += seen.rms**2 + (WHOLE * (seen.mean_got - seen.mean_asked)) ** 2
     return sum(each.severity == "error" for each in found), misses
+
+
+def _checked(job: Job, build: Build, machine: Machine) -> tuple[Finding, ...]:
+    return check(build, machine.limits, both_families=job.pattern.mode.startswith("both"))
 
 
 def _plan(job: Job, result: Design, machine: Machine) -> Build:
@@ -182,7 +186,7 @@ def _written(job: Job, path: Path, build: Build, machine: Machine, target: Targe
         read,
         build.volume,
         build.thinned,
-        check(build, machine.limits, both_families=job.pattern.mode.startswith("both")),
+        _checked(job, build, machine),
         measurement,
         compare(measurement, target),
         compare(measure(read, window=window, shift=(0.5, 0.5)), target),

@@ -44,6 +44,13 @@ class Axis:
         places = np.asarray(places, float)
         if self.count == 1:
             return np.full((len(places), 1), float(derivative == 0))
+        first, weights = self.local(places, derivative)
+        result = np.zeros((len(places), self.count))
+        np.put_along_axis(result, first[:, None] + np.arange(4), weights, 1)
+        return result
+
+    def local(self, places: Floats, derivative: int = 0) -> tuple[NDArray[np.intp], Floats]:
+        """The first of the four splines that are not zero at each place, and `basis` of these."""
         scaled = (places - self.low) / self.step
         first = np.clip(np.floor(scaled).astype(int), 0, self.count - 4)
         f = (scaled - first)[:, None]
@@ -52,9 +59,7 @@ class Axis:
             np.stack([_derived(piece, derivative) for piece in _PIECES], 1)[:, None],
             tensor=False,
         )
-        result = np.zeros((len(places), self.count))
-        np.put_along_axis(result, first[:, None] + np.arange(4), weights, 1)
-        return np.asarray(result / self.step**derivative)
+        return first, np.asarray(weights / self.step**derivative, float)
 
     def fit(self, places: Floats) -> Floats:
         """Matrix (count, n) from values at `places` (n,) to the coefficients that fit them best."""
@@ -81,3 +86,30 @@ def product(coefficients: Any, x: Any, y: Any, z: Any) -> Any:
     rows = xp.tensordot(x, coefficients, 1)
     along_y = xp.tensordot(xp.swapaxes(rows, 1, 2), y.T, 1)
     return xp.tensordot(xp.swapaxes(along_y, 1, 2), z.T, 1)
+
+
+def scattered(
+    coefficients: Floats, axes: tuple[Axis, Axis], xy: Floats, *orders: tuple[int, int]
+) -> list[Floats]:
+    """Splines (K, L, functions) at places (n, 2), derived so often along x and along y.
+
+    One array (n, functions) for each of `orders`; (0, 0) is the value.
+
+    >>> axis = Axis(0.0, 3.0, 6)
+    >>> x = np.linspace(0, 3, 9)
+    >>> rising = np.repeat(axis.fit(x) @ x[:, None], 6, 1)
+    >>> at = scattered(rising[..., None], (axis, axis), np.array([[1.5, 0.2]]), (0, 0), (1, 0))
+    >>> [each.round(6).tolist() for each in at]
+    [[[1.5]], [[1.0]]]
+    """
+    made = [
+        {order: axis.local(xy[:, k], order) for order in {each[k] for each in orders}}
+        for k, axis in enumerate(axes)
+    ]
+    (row, _), (column, _) = (next(iter(each.values())) for each in made)
+    beside = np.arange(4)
+    near = coefficients[(row[:, None] + beside)[:, :, None], (column[:, None] + beside)[:, None]]
+    return [
+        np.einsum("nij...,ni,nj->n...", near, made[0][x][1], made[1][y][1], optimize=False)
+        for x, y in orders
+    ]

@@ -19,7 +19,7 @@ from fdjax.pattern.base import AbstractPattern, AbstractSettings
 from fdjax.pattern.isolines import Isolines
 from fdjax.precision import require_float64
 from fdjax.road.deposit import Points
-from fdjax.road.stroke import Graph, Lines
+from fdjax.road.stroke import Stroke
 from fdjax.road.window import SoftWindows
 from fdjax.target.target import Target
 
@@ -137,7 +137,7 @@ class Design:
             volume=self.volume,
         )
 
-    def strokes(self) -> Iterator[Sequence[Lines | Graph]]:
+    def strokes(self) -> Iterator[Sequence[Stroke]]:
         """What is to be laid on each layer, for `fdjax.lay`."""
         return self.pattern.strokes(self.controls)
 

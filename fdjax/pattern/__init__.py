@@ -8,6 +8,8 @@ if TYPE_CHECKING:
 
 PATTERNS = {
     "isolines": "isolines:Isolines",
+    "texture": "textures:Textures",
+    "curve": "curves:Curves",
     "grid-lines": "map_lines:MapLines",
     "mesh": "mesh:Mesh",
 }

@@ -16,7 +16,7 @@ from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.road.deposit import Deposit
 from fdjax.road.stacking import MODES, Stacking
-from fdjax.road.stroke import Graph, Lines
+from fdjax.road.stroke import Stroke
 from fdjax.target.target import Target
 
 Penalties = dict[str, Array]
@@ -74,7 +74,7 @@ class AbstractPattern(eqx.Module):
         """Least and largest road width, mm."""
 
     @abstractmethod
-    def strokes(self, controls: Any) -> Iterator[Sequence[Lines | Graph]]:
+    def strokes(self, controls: Any) -> Iterator[Sequence[Stroke]]:
         """What is to be laid on each layer, from the bed upwards."""
 
     @abstractmethod

@@ -94,8 +94,8 @@ def begin(
     area = float(section_area(width, height))
     points = np.concatenate([xy, np.zeros_like(xy[..., :1])], -1).reshape(-1, 3)
     check_reachable(
-        solid.ravel(), points, height=height, shares=sum(shares), widths=(width, width),
-        limits=limits,
+        solid.ravel(), points, height=height, lengths=(sum(shares), sum(shares)),
+        widths=(width, width), limits=limits,
     )  # fmt: skip
     asked = solid * height / area * jacobian
     strips = _Strips(

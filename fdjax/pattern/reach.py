@@ -1,4 +1,4 @@
-"""Whether a porosity can be had at all from lines between a least spacing and a longest span."""
+"""Whether a porosity can be had at all from roads between a least spacing and a longest span."""
 
 from typing import Any
 
@@ -17,18 +17,21 @@ def check_reachable(
     xyz: Floats,
     *,
     height: float,
-    shares: float,
+    lengths: tuple[float, float],
     widths: tuple[float, float],
     limits: Limits,
 ) -> None:
-    """Raise `InputError`, with the place, where the solid share asked is beyond what lines give.
+    """Raise `InputError`, with the place, where the solid share asked is beyond what roads give.
 
     - `solid`: asked at the points `xyz` (n, 3), mm.
-    - `shares`: sum of the families' shares of the layers; `widths`: least and largest, mm.
+    - `lengths`: of centre line an area, where roads span the longest way times that span, and where
+      they are closest times their spacing: for lines both are the sum of the families' shares of
+      the layers. `widths`: least and largest, mm.
     """
     narrow, wide = widths
-    highest = float(section_area(wide, height)) / height * shares / (limits.least_spacing or wide)
-    lowest = float(section_area(narrow, height)) / height * shares / limits.longest_span
+    sparse, dense = lengths
+    highest = float(section_area(wide, height)) / height * dense / (limits.least_spacing or wide)
+    lowest = float(section_area(narrow, height)) / height * sparse / limits.longest_span
     for at in (int(np.argmax(solid)), int(np.argmin(solid))):
         value = float(solid[at])
         if not lowest <= value <= highest:

@@ -50,7 +50,10 @@ class Finding:
 
 
 def check(
-    build: Build, limits: Limits | None = None, *, both_families: bool = False
+    build: Build,
+    limits: Limits | None = None,
+    *,
+    both_families: bool = False,
 ) -> tuple[Finding, ...]:
     """Everything about a build that a machine with these limits cannot lay, or not well.
 
@@ -64,7 +67,8 @@ def check(
     - width, layer height (error): outside the machine's range.
     - spacing: centre lines of one family closer than the least spacing, or than their mean width
       where the machine names none: a warning, and an error below half of it, where one bead
-      lies on the other. A run's own turn does not count (see `approaches`).
+      lies on the other. A run's own turn does not count, nor what lies by such a node of both
+      roads (see `approaches`).
     - short road (error): shorter than the least road, whose flow cannot be started and stopped.
     - span (warning): a stretch of road over no bead of the layer below, ends included, longer
       than the longest span. The first layer lies on the bed.
@@ -128,11 +132,16 @@ def _sizes(layer: Layer, segments: Segments, limits: Limits) -> _Found:
 
 
 def _pairs(
-    layer: Layer, segments: Segments, tree: STRtree, limits: Limits, both_families: bool
+    layer: Layer,
+    segments: Segments,
+    tree: STRtree,
+    limits: Limits,
+    both_families: bool,
 ) -> _Found:
     i, j = segments.near_pairs(tree)
     crossings = segments.crossings(i, j)
-    node = segments.sharing(crossings.i, crossings.j)
+    graph = segments.of_graph[segments.road]
+    node = crossings.vertex & graph[crossings.i] & graph[crossings.j]
     if both_families:
         families = np.array([road.family for road in layer.roads])
         pair = np.stack([families[segments.road[k]] for k in (crossings.i, crossings.j)], 1)

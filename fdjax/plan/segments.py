@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import STRtree, linestrings
 
-from fdjax.plan.toolpath import Road, Roads
+from fdjax.plan.toolpath import NO_NODES, Road, Roads
 from fdjax.road.bead import section_area
 
 Floats = NDArray[np.float64]
@@ -73,7 +73,7 @@ class Segments:
         section = np.full(len(roads.width), np.nan) if roads.section is None else roads.section
         ends = np.stack([roads.points[roads.first[:-1]], roads.points[roads.first[1:] - 1]], 1)
         family = np.unique(roads.family, return_inverse=True)[1]
-        lines = np.array([name in ("", "xi", "eta") for name in roads.names])
+        lines = np.array([name in NO_NODES for name in roads.names])
         return cls._lasting(
             roads.starts,
             roads.ends,
@@ -148,15 +148,6 @@ class Segments:
         """Where the position `place` of a road lies, given a segment that holds it."""
         return self.start[index] + (place - self.at[index])[:, None] * self.unit[index]
 
-    def sharing(self, i: Ints, j: Ints) -> NDArray[np.bool_]:
-        """Which of these pairs are edges of one graph that meet in a node."""
-        meet = np.zeros(len(i), bool)
-        for a in (self.start[i], self.end[i]):
-            for b in (self.start[j], self.end[j]):
-                meet |= np.hypot(*(a - b).T) < _TOUCH
-        graph, family = self.of_graph[self.road], self.family[self.road]
-        return meet & graph[i] & (family[i] == family[j])
-
     def nearest(self, index: Ints, xy: Floats) -> tuple[Floats, Floats]:
         """Distance of points to segments, and the position along the road of the nearest point."""
         offset = xy - self.start[index]
@@ -177,13 +168,34 @@ class Segments:
         hit &= (u >= -edge) & (u <= 1 + edge)
         i, j, t, u = i[hit], j[hit], t[hit], u[hit]
         inside = ~(self.at_free_end(i, t) | self.at_free_end(j, u))
-        i, j, t = i[inside], j[inside], t[inside]
+        i, j, t, u = i[inside], j[inside], t[inside], u[inside]
         xy = self.start[i] + t[:, None] * (self.end - self.start)[i]
+        vertex = self._at_vertex(i, t) & self._at_vertex(j, u)
         sine = np.abs(across[hit][inside]) / size[hit][inside]
         # A crossing at a vertex is found once for each segment that ends there.
         places = np.column_stack([self.road[i], self.road[j], np.round(xy / _TOUCH)])
         first = np.sort(np.unique(places, axis=0, return_index=True)[1])
-        return Crossings(i[first], j[first], xy[first], sine[first])
+        return Crossings(i[first], j[first], xy[first], sine[first], vertex[first])
+
+    def _at_vertex(self, index: Ints, share: Floats) -> NDArray[np.bool_]:
+        return np.minimum(share, 1 - share) * self.length[index] <= _TOUCH
+
+    @cached_property
+    def nodes(self) -> "Nodes":
+        """The points that several roads, or one several times, have among theirs."""
+        road = np.concatenate([self.road, self.road])
+        at = np.concatenate([self.at, self.at + self.length])
+        total = self.road_length[road]
+        at = np.where(self.closed[road] & (at >= total - _TOUCH), at - total, at)
+        places = np.round(np.concatenate([self.start, self.end]) / _TOUCH)
+        _, first, owner = np.unique(places, axis=0, return_index=True, return_inverse=True)
+        passes = np.unique(np.stack([owner, road, np.round(at / _TOUCH)], 1), axis=0)
+        node, road = passes[:, 0].astype(int), passes[:, 1].astype(int)
+        shared = np.bincount(node, minlength=len(first)) > 1
+        number = np.cumsum(shared) - 1
+        kept = shared[node]
+        xy = np.concatenate([self.start, self.end])[first[shared]]
+        return Nodes(xy, number[node[kept]], road[kept])
 
     def at_free_end(self, index: Ints, share: Floats) -> NDArray[np.bool_]:
         """Whether the place at this share of a segment is where an open road starts or ends."""
@@ -194,12 +206,24 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Pairs of segments that cross: where, and the sine of the angle between them."""
+    """Pairs of segments that cross: where, the sine of the angle between them, and whether that
+    place is a point of both roads.
+    """
 
     i: Ints
     j: Ints
     xy: Floats
     sine: Floats
+    vertex: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Points that roads share, shape (nodes, 2), mm, and the node and the road of each pass."""
+
+    xy: Floats
+    node: Ints
+    road: Ints
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import STRtree
+from shapely import STRtree, points
 
-from fdjax.plan.segments import Segments
+from fdjax.plan.segments import Nodes, Segments
 from fdjax.plan.stadium import stadium_chord
 
 Floats = NDArray[np.float64]
@@ -31,18 +31,21 @@ class Approaches:
 
 
 def approaches(
-    segments: Segments, i: Ints, j: Ints, least: float | None, slack: float
+    segments: Segments,
+    i: Ints,
+    j: Ints,
+    least: float | None,
+    slack: float,
 ) -> Approaches:
     """Which of these pairs, of one family, come closer than the limit less `slack`, mm.
 
     The limit is `least`, or where None the mean of the two widths. The distance of two segments
     is that of an end of one to the other (crossings are found elsewhere). Places of one run that
     are near each other along it too, by `NEAR_TURN` limits, belong to its turn and do not count;
-    nor, likewise, where one road ends and another goes on from there, nor edges of a graph that
-    meet in a node.
+    nor, likewise, where one road ends and another goes on from there; nor, of roads of graphs, near
+    a point that both have, by so much from the one place to it and on to the other.
     """
     same = segments.family[segments.road[i]] == segments.family[segments.road[j]]
-    same &= ~segments.sharing(i, j)
     i, j = i[same], j[same]
     limit = (segments.width[i] + segments.width[j]) / 2 if least is None else np.full(len(i), least)
     found = []
@@ -53,6 +56,13 @@ def approaches(
         own = segments.at[a[near]] + share * segments.length[a[near]]
         apart = _along(segments, a[near], own, b[near], place[near])
         near = near[apart > NEAR_TURN * limit[near]]
+        graph = segments.of_graph[segments.road[a[near]]]
+        if graph.any():
+            _, place = segments.nearest(b[near], point[near])
+            places = point[near], segments.point(b[near], place)
+            roads = segments.road[a[near]], segments.road[b[near]]
+            met = _at_a_node(segments.nodes, places, roads, NEAR_TURN * limit[near])
+            near = near[~(graph & met)]
         found.append((a[near], b[near], distance[near], limit[near], point[near]))
     return Approaches(*(np.concatenate(column) for column in zip(*found, strict=True)))
 
@@ -70,6 +80,29 @@ def _along(segments: Segments, a: Ints, at_a: Floats, b: Ints, at_b: Floats) -> 
             meet = (np.hypot(*between.T) < _SAME_PLACE) & (road_a != road_b)
             gap = np.where(meet, np.minimum(gap, way_a + way_b), gap)
     return gap
+
+
+def _at_a_node(
+    nodes: Nodes, places: tuple[Floats, Floats], roads: tuple[Ints, Ints], reach: Floats
+) -> NDArray[np.bool_]:
+    """Whether the way between two places of two roads, by a node of both, is within reach."""
+    found = np.zeros(len(reach), bool)
+    if not len(nodes.xy):
+        return found
+    tree = STRtree(np.asarray(points(nodes.xy)))
+    pair, node = tree.query(points(places[0]), predicate="dwithin", distance=reach)
+    way = sum(np.hypot(*(place[pair] - nodes.xy[node]).T) for place in places)
+    # Passes of a road through a node: of one road with itself two are needed.
+    count = int(max(nodes.road.max(), *(road.max() for road in roads))) + 1
+    passes, times = np.unique(nodes.node * count + nodes.road, return_counts=True)
+    meet = way <= reach[pair]
+    needed = 1 + (roads[0] == roads[1])[pair]
+    for road in roads:
+        key = node * count + road[pair]
+        at = np.minimum(np.searchsorted(passes, key), len(passes) - 1)
+        meet &= (passes[at] == key) & (times[at] >= needed)
+    found[pair[meet]] = True
+    return found
 
 
 @dataclass(frozen=True, eq=False)

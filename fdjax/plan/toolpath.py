@@ -23,6 +23,10 @@ def _frozen(values: ArrayLike) -> Floats:
     return array
 
 
+NO_NODES = ("", "xi", "eta", "curve")
+"""Families of roads that are no edges of graphs."""
+
+
 @dataclass(frozen=True, eq=False)
 class Road:
     """One continuous deposit, from flow on to flow off.
@@ -32,8 +36,9 @@ class Road:
     - `width`: road width of each segment, shape (segments,), mm.
     - `material`: number of the material or tool, from 0.
     - `closed`: whether the last point runs on to the first.
-    - `family`: "xi" or "eta" where the road follows grid lines of one family, another name where it
-      follows edges of a graph, which may meet at its points; else "".
+    - `family`: "xi" or "eta" where the road follows grid lines of one family, "curve" for a
+      part of a curve, "" for no family; any other name where it follows edges of a graph, which may
+      meet at its points.
     - `section`: area of each segment's section, shape (segments,), mm^2, where it is not the one
       of `section_area` in a layer's height. `role`: what a slicer says that the road is.
 
@@ -84,7 +89,7 @@ class Road:
     @property
     def of_graph(self) -> bool:
         """Whether the road follows edges of a graph."""
-        return self.family not in ("", "xi", "eta")
+        return self.family not in NO_NODES
 
     def segment_volumes(self, height: float) -> Floats:
         """Deposited volume of each segment in a layer of this height, shape (segments,), mm^3."""

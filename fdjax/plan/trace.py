@@ -6,15 +6,22 @@ from typing import Any
 
 from fdjax.errors import InputError
 from fdjax.part.part import Part, Slab
+from fdjax.plan.drawing import lay_drawing
 from fdjax.plan.laid import Laid
 from fdjax.plan.lines import lay_lines
 from fdjax.plan.room import Room
 from fdjax.plan.toolpath import Build, Layer, Road
+from fdjax.plan.tour import lay_curve
 from fdjax.plan.trail import lay_graph
 from fdjax.road.bead import road_width, section_area
-from fdjax.road.stroke import Graph, Lines
+from fdjax.road.stroke import Curve, Drawing, Graph, Lines
 
-LAYING: dict[type, Callable[..., Laid]] = {Lines: lay_lines, Graph: lay_graph}
+LAYING: dict[type, Callable[..., Laid]] = {
+    Lines: lay_lines,
+    Graph: lay_graph,
+    Drawing: lay_drawing,
+    Curve: lay_curve,
+}
 """How each kind of stroke is laid: its class and the function, which is called with the stroke and
 a `Room`, and by keyword `lift_length`, `longest_join`, `least_spacing`, `least_road`, `tolerance`,
 `start`."""

@@ -57,3 +57,28 @@ class Graph:
     width: Floats
     family: str
     material: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing(Graph):
+    """A graph that repeats a unit cell: laid with few short roads, each as straight on as may be."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """One road through a lattice of nodes, in squares of four that it goes through in some order.
+
+    - `xy`: of the nodes, shape (2 n, 2 m, 2), mm, nan where there is none.
+    - `rank`: of each square along the curve, whole numbers, shape (n, m).
+    - `width`: at each node, shape (2 n, 2 m), mm.
+    - `family`: name of the roads; `material`: number of the material or tool.
+    """
+
+    xy: Floats
+    rank: NDArray[np.intp]
+    width: Floats
+    family: str
+    material: int = 0
+
+
+Stroke = Lines | Graph | Drawing | Curve

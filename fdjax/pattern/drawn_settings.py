@@ -1,0 +1,90 @@
+"""What a user says of any drawing in a chart, and how it begins.
+
+A drawing begins undistorted, at the scale that the mean of the target asks for.
+"""
+
+from dataclasses import dataclass
+from math import gcd
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from fdjax.keys import FLAG, key, number, whole
+from fdjax.limits import Limits
+from fdjax.part.part import Part
+from fdjax.pattern.chart_settings import ChartSettings, spline_of
+from fdjax.pattern.drawn_pattern import Placing
+from fdjax.target.target import Target
+
+
+@dataclass(frozen=True)
+class DrawnSettings(ChartSettings):
+    """Keys of the drawings. Lengths in mm."""
+
+    angle: float = key(
+        number(-360, 360), "degrees by which the drawing is turned, to begin with; rows that run "
+        "along a wall would lie in the part or beyond it as a whole", default=15.0,
+    )  # fmt: skip
+    phases: int = key(
+        whole(1, 100), "layers over which the drawing is moved; 1 lays all alike", default=5
+    )
+    turned: bool = key(
+        FLAG, "every second layer turns the drawing by a quarter, in its plane", default=False
+    )
+    mode = "both"
+
+    def drawing(
+        self,
+        part: Part,
+        target: Target,
+        limits: Limits,
+        window: float,
+        *,
+        directions: np.ndarray,
+        gap: float,
+        pore: float,
+    ) -> dict[str, Any]:
+        """The fields of a `DrawnPattern` that is turned by `angle` and as dense as the target asks
+        in the mean; see there for what is given.
+
+        Raises `InputError` for a target beyond what gaps and pores allow, and for a region with no
+        room for a road.
+        """
+        if self.turned:
+            directions = np.concatenate([directions, directions[:, ::-1] * [-1, 1]]) / 2
+        density = float(np.hypot(*directions.T).sum())
+        start = self.start(part, target, limits, window, lengths=(density * pore, density * gap))
+        scale = float(np.average(start.demand, weights=start.weight)) / density
+        places = [np.linspace(axis.low, axis.high, 2 * axis.count) for axis in start.axes[:2]]
+        x, y = np.meshgrid(*places, indexing="ij")
+        turn = scale * np.exp(1j * np.radians(self.angle))
+        xi, eta = (
+            spline_of(start.axes, places, each)
+            for each in (turn.real * x + turn.imag * y, turn.real * y - turn.imag * x)
+        )
+        return {
+            **self.chart(start, xi, eta),
+            "directions": jnp.asarray(directions),
+            "gap": gap,
+            "pore": pore,
+            "placing": _placing(self.phases, len(part.slabs), turned=self.turned),
+        }
+
+
+def _placing(phases: int, layers: int, *, turned: bool) -> tuple[Placing, ...]:
+    """How the drawing lies on each layer.
+
+    Phases by a rule of good lattice points: together they are about as even in both directions as
+    those of lines are in one (Korobov 1959).
+    """
+    step = min(
+        (k for k in range(1, phases + 1) if gcd(k, phases) == 1),
+        key=lambda k: abs(k - 0.382 * phases),
+    )
+    made = []
+    for layer in range(layers):
+        k = layer // 2 if turned else layer
+        places = (k % phases + 0.5) / phases, (k * step % phases + 0.5) / phases
+        made.append(Placing(*places, turned=turned and layer % 2 == 1))
+    return tuple(made)

@@ -1,0 +1,179 @@
+"""Unit cells: drawings that repeat along two axes, as graphs on a torus. Loads no JAX.
+
+The paper's textures: "unit cells (squares, honeycombs, etc)" that fill the plane by periodic
+tiling.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise, product
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from fdjax.errors import InputError
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+_SAME = 1e-6
+"""Points of a drawing nearer than this share of its larger side are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class UnitCell:
+    """A drawing that repeats every `size` (a, b), in units of its own.
+
+    - `xy`: of the nodes, each once, shape (nodes, 2), in [0, a) x [0, b).
+    - `edges`: the nodes at both ends of each edge, shape (edges, 2), and `shift`: how many cells
+      along both axes from the first node's cell to the second's, shape (edges, 2).
+    """
+
+    size: tuple[float, float]
+    xy: Floats
+    edges: Ints
+    shift: Ints
+
+    @classmethod
+    def of(
+        cls, lines: Sequence[Sequence[Sequence[float]]], size: tuple[float, float]
+    ) -> "UnitCell":
+        """The cell of polylines. What lies beyond the cell is moved into it, by whole cells.
+
+        Raises `InputError`, with the place, where a line ends at the cell's edge and none goes on
+        from the opposite edge, where lines cross without a point there or run on one another, and
+        for a drawing that is empty or not finite.
+
+        >>> UnitCell.of([[(0, 0), (1, 0)], [(0, 0), (0, 1)]], (1, 1)).edges.tolist()
+        [[0, 0], [0, 0]]
+        """
+        period = np.array(size, float)
+        if not (np.isfinite(period).all() and (period > 0).all()):
+            raise InputError(f"cell: its size is {size[0]:g} x {size[1]:g}; both must be positive")
+        drawn = [np.asarray(line, float) for line in lines]
+        if not drawn or any(len(line) < 2 or line.shape[1:] != (2,) for line in drawn):
+            raise InputError("cell: needs lines of two points [x, y] or more")
+        if not all(np.isfinite(line).all() for line in drawn):
+            raise InputError("cell: its points must be finite")
+        same = _SAME * float(period.max())
+        ends = np.array([step for line in drawn for step in pairwise(line)]).reshape(-1, 2)
+        home = np.floor(ends / period + _SAME).astype(int)
+        within = ends - home * period
+        keys = np.round(within / same).astype(int)
+        _, first, node = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+        edges, home = node.reshape(-1, 2), home.reshape(-1, 2, 2)
+        shift = home[:, 1] - home[:, 0]
+        moved = (edges[:, 0] != edges[:, 1]) | shift.any(1)
+        cell = cls((float(period[0]), float(period[1])), within[first], edges[moved], shift[moved])
+        cell._check(ends)
+        return cell
+
+    def _check(self, ends: Floats) -> None:
+        self._check_edges(ends)
+        near = self.tiled(range(-1, 2))
+        own = np.asarray(shapely.linestrings(np.round(self.ends, 9)))
+        tree = shapely.STRtree(np.asarray(shapely.linestrings(near)))
+        i, j = tree.query(own, predicate="intersects")
+        both = np.stack([own[i], tree.geometries[j]], 1)
+        meet = shapely.intersection(both[:, 0], both[:, 1])
+        centre = len(own) * 4 + np.arange(len(own))
+        for k in np.flatnonzero(j != centre[i]).tolist():
+            if meet[k].length > _SAME * max(self.size):
+                raise InputError(f"cell: a line is drawn twice at {_place(meet[k], self.size)}")
+            gaps = [
+                shapely.distance(meet[k], shapely.Point(end))
+                for line in both[k]
+                for end in (line.coords[0], line.coords[-1])
+            ]
+            if max(min(gaps[:2]), min(gaps[2:])) > 2 * _SAME * max(self.size):
+                raise InputError(
+                    f"cell: lines cross at {_place(meet[k], self.size)} without a point there; "
+                    "with one in both they meet in a node"
+                )
+
+    def _check_edges(self, ends: Floats) -> None:
+        """Raise `InputError` for a line that ends at the cell's edge with none to go on from it."""
+        degree = np.bincount(self.edges.ravel(), minlength=len(self.xy))
+        for node in np.flatnonzero(degree == 1).tolist():
+            lone = self.xy[node]
+            for axis, name in enumerate(("x", "y")):
+                if abs(lone[axis]) < _SAME * self.size[axis]:
+                    beside = (ends - lone) % self.size
+                    beside = np.minimum(beside, self.size - beside)
+                    at = ends[np.argmin(beside.sum(1))]
+                    other = at.copy()
+                    other[axis] = self.size[axis] if at[axis] < self.size[axis] / 2 else 0.0
+                    raise InputError(
+                        f"cell: a line ends at ({at[0]:g}, {at[1]:g}) on the cell's edge, and none "
+                        f"goes on at ({other[0]:g}, {other[1]:g}), the same place of the opposite "
+                        f"edge along {name}"
+                    )
+
+    @property
+    def area(self) -> float:
+        return self.size[0] * self.size[1]
+
+    @cached_property
+    def ends(self) -> Floats:
+        """Both ends of each edge, the first in the cell itself, shape (edges, 2, 2)."""
+        end = self.xy[self.edges[:, 1]] + self.shift * np.array(self.size)
+        return np.stack([self.xy[self.edges[:, 0]], end], 1)
+
+    def tiled(self, cells: range) -> Floats:
+        """Both ends of all edges of a square of cells, shape (n, 2, 2)."""
+        shifts = [np.array(shift) * self.size for shift in product(cells, cells)]
+        # What is one point of several edges must be so to the last digit.
+        return np.round(np.concatenate([self.ends + shift for shift in shifts]), 9)
+
+    @cached_property
+    def directions(self) -> Floats:
+        """Edges as vectors, those along one another added up, per area of the cell: shape (d, 2).
+
+        The centre line an area of a chart with gradients G is `|det G| sum |G^-1 d|`.
+        """
+        along = self.ends[:, 1] - self.ends[:, 0]
+        back = (along[:, 0] < -1e-9) | ((np.abs(along[:, 0]) <= 1e-9) & (along[:, 1] < 0))
+        along[back] *= -1
+        unit = along / np.hypot(*along.T)[:, None]
+        _, owner = np.unique(np.round(unit, 9), axis=0, return_inverse=True)
+        sums = [np.bincount(owner.ravel(), along[:, axis]) for axis in (0, 1)]
+        return np.stack(sums, 1) / self.area
+
+    @property
+    def density(self) -> float:
+        """Length of centre line an area of the drawing, as it was drawn."""
+        return float(np.hypot(*self.directions.T).sum())
+
+    @cached_property
+    def _chains(self) -> NDArray[np.object_]:
+        """Edges that go on from one another alone, as one geometry each, of nine cells."""
+        parts = np.asarray(shapely.linestrings(self.tiled(range(-1, 2))))
+        merged = shapely.line_merge(shapely.multilinestrings(parts))
+        return np.asarray(shapely.get_parts(merged))
+
+    @cached_property
+    def gap(self) -> float:
+        """Least distance of lines that do not meet."""
+        chains = self._chains
+        i, j = np.triu_indices(len(chains), 1)
+        apart = shapely.distance(chains[i], chains[j])
+        apart = apart[apart > _SAME * max(self.size)]
+        return float(min(apart.min(initial=np.inf), *self.size))
+
+    @cached_property
+    def pore(self) -> float:
+        """Diameter of the circle as large as the largest face; without any the cell's longer side.
+
+        Which stretches of a layer really lie over nothing is seen in its plan.
+        """
+        lines = shapely.union_all(np.asarray(shapely.linestrings(self.tiled(range(-1, 2)))))
+        faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
+        largest = float(shapely.area(faces).max(initial=0.0))
+        return 2 * (largest / np.pi) ** 0.5 if largest > 0 else max(self.size)
+
+
+def _place(geometry: shapely.Geometry, size: tuple[float, float]) -> str:
+    x, y = shapely.get_coordinates(geometry)[0] % size
+    return f"({x:.4g}, {y:.4g})"

@@ -1,0 +1,78 @@
+"""Unit cells: what they hold, and drawings that do not repeat."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+
+from fdjax.errors import InputError
+from fdjax.pattern.drawings import NAMES, drawing
+from fdjax.pattern.unit_cell import UnitCell
+
+ROOT3 = 3**0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "density", "degree"),
+    [
+        ("square", 2, 4),
+        ("triangular", 2 * ROOT3, 6),
+        ("hexagonal", 2 / ROOT3, 3),
+        ("kagome", ROOT3, 4),
+        ("brick", 1.5, 3),
+    ],
+)
+def test_densities_and_degrees_are_those_of_the_tilings(name, density, degree):
+    cell = drawing(name)
+    assert cell.density == pytest.approx(density)
+    assert set(np.bincount(cell.edges.ravel())) == {degree}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_copies_side_by_side_are_one_drawing(name):
+    cell = drawing(name)
+    assert set(np.bincount(cell.edges.ravel())) <= {2, 3, 4, 6}
+    lines = shapely.MultiLineString(list(cell.tiled(range(-2, 3))))
+    x, y = 0.1 * cell.size[0], 0.1 * cell.size[1]
+    inner = shapely.box(x - cell.size[0], y - cell.size[1], x + cell.size[0], y + cell.size[1])
+    assert lines.intersection(inner).length == pytest.approx(4 * cell.area * cell.density)
+    faces = shapely.get_parts(shapely.polygonize([shapely.union_all(lines)]))
+    assert len(faces) or name == "wave"
+
+
+def test_a_drawing_may_begin_anywhere():
+    lines = np.array([[(0, 0), (1, 0)], [(0, 0), (0, 1)]])
+    moved = UnitCell.of((lines + np.array([3.3, -1.7])).tolist(), (1, 1))
+    assert moved.xy == pytest.approx(np.array([[0.3, 0.3]]))
+    assert moved.density == drawing("square").density
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ([[(0, 0.3), (1, 0.4)]], r"ends at \(0, 0.3\).*none goes on at \(1, 0.3\)"),
+        ([[(0, 0), (1, 1)], [(0, 1), (1, 0)]], r"cross at \(0.5, 0.5\)"),
+        ([[(0, 0.5), (1, 0.5)], [(0.4, 0.5), (0.4, 0.9)]], r"cross at \(0.4, 0.5\)"),
+        ([[(0, 0), (1, 0)], [(0, 1), (1, 1)]], "drawn twice"),
+        ([[(0, 0), (1, float("inf"))]], "finite"),
+        ([], "needs lines"),
+        ([[(0, 0)]], "needs lines"),
+    ],
+)
+def test_drawings_that_do_not_repeat_are_refused_with_the_place(lines, words):
+    with pytest.raises(InputError, match=words) as caught:
+        UnitCell.of(lines, (1, 1))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_size_must_be_positive():
+    with pytest.raises(InputError, match="must be positive"):
+        UnitCell.of([[(0, 0), (1, 0)]], (1, 0))
+
+
+def test_waves_keep_their_distance():
+    lines = [drawing("wave").ends[:, 0] + (0, k) for k in (0, 1)]
+    pairs = itertools.product(*lines)
+    nearest = min(float(np.hypot(*(b - a))) for a, b in pairs)
+    assert drawing("wave").gap == pytest.approx(nearest, rel=0.01)
