@@ -49,7 +49,7 @@ class SizeField:
 
         >>> field = SizeField.over(shapely.box(0, 0, 9, 6), lambda x, y: 1 + 0 * x)
         >>> round(field.count(shapely.box(0, 0, 9, 6)))
-        125
+        62
         """
         low, high = np.array(region.bounds).reshape(2, 2)
         reach = float((high - low).max())

@@ -29,7 +29,7 @@ class Triangulation:
     >>> two = Triangulation(np.array([(0.0, 0), (1, 0), (1, 1), (0, 1)]),
     ...                     np.array([(0, 1, 2), (0, 2, 3)]))
     >>> len(two.edges), two.beside[1].tolist()
-    (5, [0, 1])
+    (5, [1, 0])
     """
 
     xy: Floats

@@ -125,6 +125,7 @@ class Design:
             eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
             self.controls,
             steps=CORRECTING,
+            patience=self.pattern.patience,
             progress=progress,
         )
         return _finished(
@@ -166,7 +167,8 @@ def design(
     - `window`: side (mm) of the windows in which `objective` "windows" compares porosity,
       turn-arounds included; "cells" compares the pattern's own cells.
     - `smoothness`: weight of roughness; `iterations`: most evaluations in all; `patience`: gain
-      of the objective over four improvements below which a stage ends; see `optimise`.
+      of the objective over four improvements below which a stage ends, by default the pattern's;
+      see `optimise`.
     - `terms`: residuals of one's own that are made small as well, each a function of the pattern
       and of what `pattern.realise` gives; in units of porosity, as the error is.
 
@@ -187,6 +189,7 @@ def design(
     windows = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), windows)
     volume = float(windows.total)
     now = pattern.begin(part, target, limits, window)
+    patience = now.patience if patience is None else patience
     now = _recounted(now, volume)
     stages = [None, windows] if objective == "windows" and pattern.cells_first else [windows]
     stages = [None] if objective == "cells" else stages

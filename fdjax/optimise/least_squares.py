@@ -204,8 +204,7 @@ def optimise(
 
     Stops after `steps` evaluations, when nothing moves any more, when four improvements together
     gain less than `patience` of the objective, or when `REJECTIONS` trials in a row gain nothing.
-    By default `STEPS` and what the pattern says or `PATIENCE`, which are larger where an evaluation
-    costs little.
+    By default `STEPS` and `PATIENCE`, which are larger where an evaluation costs little.
     `progress` is called after each improvement. Requires float64.
     """
     require_float64()
@@ -214,8 +213,7 @@ def optimise(
     free, unravel = ravel_pytree(controls)
     many = free.size > FEW
     steps = STEPS[many] if steps is None else steps
-    if patience is None:
-        patience = objective.pattern.patience or PATIENCE[many]
+    patience = PATIENCE[many] if patience is None else patience
     problem = _Problem(objective, controls if many else None, unravel, many)
     free = jnp.zeros_like(free) if many else free
     if steps < 1:

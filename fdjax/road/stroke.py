@@ -61,7 +61,7 @@ class Graph:
 
 @dataclass(frozen=True, eq=False)
 class Drawing(Graph):
-    """A graph that repeats a unit cell: laid with few short roads, each as straight on as may be."""
+    """A graph that repeats a unit cell: laid with few short roads, each straight on if it can."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,8 @@ def test_edges_are_as_long_as_an_ideal_mesh_has_them(region, phase):
     lines = shapely.linestrings(mesh.xy[mesh.edges])
     length = shapely.length(shapely.intersection(lines, region)).sum()
     ideal = field.integral(2 * np.sqrt(3) / field.size, region)
-    assert length == pytest.approx(ideal, rel=0.06)
+    # Real triangles are not equal: their edges are longer.
+    assert ideal < length < 1.12 * ideal
     inside = mesh.part(shapely.contains_xy(region, *mesh.xy[mesh.triangles].mean(1).T))
     assert inside.angles.min() > 20
     assert np.median(inside.angles.min(1)) > 44

@@ -134,7 +134,7 @@ def test_what_cannot_be_meshed_is_refused_before_it_is_tried():
         with pytest.raises(InputError, match=said):
             begun(target=expression(solid, quantity="solid"))
     huge = Part.plate(shapely.box(0, 0, 4000, 4000), layers=2)
-    with pytest.raises(InputError, match=r"triangles; 1e.06 at most"):
+    with pytest.raises(InputError, match=r"triangles; 1e\+06 at most"):
         begun(huge)
     with pytest.raises(InputError, match=r'cells: "squares" is not one of triangles'):
         Mesh(cells="squares")
