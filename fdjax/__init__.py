@@ -18,6 +18,8 @@ _HOMES = {
     "expression": "target.target",
     "design": "optimise.design",
     "Isolines": "pattern.isolines",
+    "Textures": "pattern.textures",
+    "Curves": "pattern.curves",
     "MapLines": "pattern.map_lines",
     "Mesh": "pattern.mesh",
     "lay": "plan.trace",

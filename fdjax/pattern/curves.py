@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdjax.keys import FLAG, choice, key
+from fdjax.keys import FLAG, choice, key, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.curve_order import NAMES
@@ -32,6 +32,10 @@ class Curves(DrawnSettings):
     turned: bool = key(
         FLAG, "every second layer turns the drawing by a quarter, in its plane", default=True
     )
+    corrections: int = key(
+        whole(0, 10), "times that what the plan lays beside the model is made up for", default=6,
+        table="design",
+    )  # fmt: skip
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> CurvePattern:
         """The curve as `DrawnSettings.drawing` begins it, and raises."""

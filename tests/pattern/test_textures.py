@@ -8,6 +8,7 @@ import shapely
 from jax.flatten_util import ravel_pytree
 from outlines import OUTLINES
 
+from fdjax.app import config
 from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.optimise.design import design
@@ -152,3 +153,32 @@ def test_a_target_beyond_the_drawing_is_refused_at_once():
     part = Part.plate(DISC)
     with pytest.raises(InputError, match=r"porosity 0\.970 is asked.*can give"):
         begun(part, expression("0.03", quantity="solid"))
+
+
+def job(**pattern):
+    part = {"shape": "rectangle", "size": [40, 40]}
+    return config.parse({"part": part, "target": {"solid": "0.3"}, "pattern": pattern})
+
+
+def test_a_cell_of_ones_own_is_read_from_a_job():
+    lines = [[[0, 0.5], [0.5, 0], [1, 0.5]], [[0, 0.5], [0.5, 1], [1, 0.5]]]
+    cell = job(kind="texture", cell={"size": [1, 1], "lines": lines}).pattern.cell
+    assert cell.density == pytest.approx(2 * 2**0.5)
+    assert len(cell.edges) == 4
+
+
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("hexagon", r'"hexagon" is not one of .* \(did you mean "hexagonal"\?\)'),
+        ({"size": [1, 1]}, "needs lines and size"),
+        ({"size": [1, 1], "lines": [[[0, 0.3], [1, 0.4]]]}, r"cell: .*ends at \(0, 0.3\)"),
+        ({"size": [1, 1], "lines": [[[0, 0.3]]]}, r"cell.lines\[0\]: has 1 points"),
+        ({"size": [0, 1], "lines": [[[0, 0], [1, 0]]]}, "must be positive"),
+    ],
+)
+def test_cells_that_cannot_be_are_one_clear_line(cell, words):
+    with pytest.raises(InputError, match=words) as caught:
+        job(kind="texture", cell=cell)
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith("job: [pattern] cell")

@@ -1,0 +1,56 @@
+"""Space-filling curves: their closed form against what a plan lays, and a design of one."""
+
+import jax
+import numpy as np
+import pytest
+import shapely
+from outlines import OUTLINES
+
+from fdjax.formats import profile
+from fdjax.optimise.design import design
+from fdjax.part.part import Part
+from fdjax.pattern.curve_order import NAMES
+from fdjax.pattern.curves import Curves
+from fdjax.plan.compare import compare
+from fdjax.plan.measure import measure
+from fdjax.plan.trace import lay
+from fdjax.target.target import expression
+
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
+MARLIN = profile.load("marlin-0.4")
+EVEN = expression("0.35", quantity="solid")
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_deposit_is_what_a_plan_lays(name, turned):
+    part = Part.plate(OUTLINES["disc"](), layers=10, height=0.2)
+    pattern = Curves(curve=name, turned=turned).begin(part, EVEN, MARLIN.limits, 5.0)
+    modelled = float(jax.jit(lambda p: p.deposit(p.realise(p.first)).volume.sum())(pattern))
+    build = lay(pattern.strokes(pattern.first), part, lift_length=4.0, least_road=1.0)
+    assert build.volume == pytest.approx(modelled, rel=0.015)
+    assert [len(layer.roads) for layer in build.layers] == [1] * 10
+
+
+def test_turned_layers_are_the_drawing_turned_in_its_plane():
+    part = Part.plate(shapely.box(0, 0, 20, 20), layers=2, height=0.2)
+    pattern = Curves(phases=1).begin(part, EVEN, MARLIN.limits, 5.0)
+    (first,), (second,) = pattern.strokes(pattern.first)
+    steps = [np.nanmedian(np.diff(each.xy, axis=0), axis=(0, 1)) for each in (first, second)]
+    across = np.nanmedian(np.diff(first.xy, axis=1), axis=(0, 1))
+    assert steps[0] @ steps[1] == pytest.approx(0, abs=1e-6)
+    assert steps[1] == pytest.approx(across, abs=1e-6)
+
+
+def test_a_disc_meets_its_target_in_one_road_a_layer():
+    disc = shapely.Point(20, 20).buffer(20, quad_segs=24)
+    part = Part.plate(disc, layers=10, height=0.2)
+    target = expression("0.2 + 0.2*x/40", quantity="solid")
+    found = design(part, target, limits=MARLIN.limits, pattern=Curves())
+    build = lay(found.strokes(), part, lift_length=4.0)
+    for _ in range(2):
+        found = found.corrected(*build.deposits(1.25))
+        build = lay(found.strokes(), part, lift_length=4.0)
+    assert compare(measure(build, window=5.0), target).rms < 0.02
+    assert [len(layer.roads) for layer in build.layers] == [1] * 10

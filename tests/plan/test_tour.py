@@ -1,0 +1,78 @@
+"""Space-filling curves as roads: one in each piece of a region, within it, and crossing nothing."""
+
+import numpy as np
+import pytest
+import shapely
+from isolines import random_region
+from outlines import OUTLINES
+
+from fdjax.errors import InputError
+from fdjax.pattern.curve_order import NAMES, rank
+from fdjax.plan.check import check
+from fdjax.plan.toolpath import Build, Layer
+from fdjax.plan.tour import lay_curve
+from fdjax.road.stroke import Curve
+
+
+def curve_of(name, bounds, step=1.3, turn=0.3, **changes):
+    """A curve on a turned square lattice that covers a box."""
+    x0, y0, x1, y1 = bounds
+    reach = np.hypot(x1 - x0, y1 - y0) / 2 + 2 * step
+    count = int(np.ceil(reach / step)) * 2
+    at = (np.arange(count) - count / 2) * step
+    u, v = np.meshgrid(at, at, indexing="ij")
+    x = (x0 + x1) / 2 + np.cos(turn) * u - np.sin(turn) * v
+    y = (y0 + y1) / 2 + np.sin(turn) * u + np.cos(turn) * v
+    half = count // 2
+    values = {"width": np.full((count, count), 0.4), "family": "curve"} | changes
+    return Curve(np.stack([x, y], -1), rank(name, (half, half)), **values)
+
+
+def errors(roads, region):
+    build = Build((Layer(0.2, 0.2, tuple(roads), region),), origin=(100.0, 100.0))
+    return [each for each in check(build) if each.severity == "error"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("shape", [(16, 16), (27, 27)])
+def test_curves_go_through_each_square_once(name, shape):
+    order = rank(name, shape)
+    assert len(np.unique(order)) == order.size
+    whole = {"hilbert": (16, 16), "moore": (16, 16), "peano": (27, 27)}.get(name, shape)
+    if shape == whole:
+        at = np.stack(np.unravel_index(np.argsort(order.ravel()), shape), 1)
+        steps = np.abs(np.diff(at, axis=0)).sum(1)
+        assert set(steps) == {1}
+        closes = np.abs(at[-1] - at[0]).sum() == 1
+        assert closes == (name == "moore")
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("outline", OUTLINES)
+def test_one_road_fills_every_outline(name, outline):
+    region = OUTLINES[outline]()
+    curve = curve_of(name, region.bounds)
+    laid = lay_curve(curve, region, tolerance=2e-3, least_road=1.0)
+    assert errors(laid.roads, region) == []
+    (road,) = laid.roads
+    assert road.closed
+    # A node for each step squared, each with a step of road.
+    free = region.buffer(-0.2, join_style="mitre")
+    assert road.length == pytest.approx(free.area / 1.3, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_regions(seed):
+    rng = np.random.default_rng(seed)
+    region = random_region(rng, 30)
+    curve = curve_of("hilbert", region.bounds, step=rng.uniform(0.5, 2), turn=rng.uniform(0, 6))
+    assert errors(lay_curve(curve, region, tolerance=2e-3).roads, region) == []
+
+
+def test_arrays_that_do_not_fit_are_refused():
+    curve = curve_of("hilbert", (0, 0, 9, 9))
+    square = shapely.box(0, 0, 9, 9)
+    with pytest.raises(InputError, match="need nodes and widths of shape"):
+        lay_curve(Curve(curve.xy[1:], curve.rank, curve.width, "curve"), square)
+    with pytest.raises(InputError, match="must be positive"):
+        lay_curve(Curve(curve.xy, curve.rank, 0 * curve.width, "curve"), square)
