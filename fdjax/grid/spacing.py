@@ -89,11 +89,15 @@ class RobertsSpacing(AbstractSpacing):
         return (2 * a + b * jnp.tanh((t - a) / (1 - a) * jnp.arctanh(1 / b))) / (2 * a + 1)
 
 
-def fit_log_density(density: np.ndarray, knots: int) -> np.ndarray:
+def fit_log_density(density: np.ndarray, knots: int, *, closed: bool = False) -> np.ndarray:
     """Coefficients (knots,) of the `DensitySpacing` nearest to a density of lines along a side.
 
     `density` holds positive values at equally spaced places of the side, ends included; least
-    squares of the logarithm.
+    squares of the logarithm. `closed`: of a ring, the coefficients of one period.
     """
-    basis = bspline.basis(np.linspace(0, 1, len(density)), knots)
+    places = np.linspace(0, 1, len(density))
+    if closed:
+        basis = bspline.basis(places, knots + 3) @ np.asarray(bspline.closed(jnp.eye(knots), 0))
+    else:
+        basis = bspline.basis(places, knots)
     return np.linalg.lstsq(basis, np.log(density), rcond=None)[0]

@@ -13,6 +13,7 @@ from fdjax.grid import bspline
 from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.elliptic import Elliptic
+from fdjax.grid.respaced import Respaced, SpacingField
 from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
 
 if TYPE_CHECKING:
@@ -62,10 +63,15 @@ def _transfinite(pattern: GridLines, controls: Controls) -> _Map:
 def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
     """The elliptic grid of a pattern at these controls, not solved yet."""
     ni, nj = pattern.nodes
+    closed = pattern.solver.closed
     xi, eta = jnp.linspace(0, 1, ni)[1:-1, None], jnp.linspace(0, 1, nj)[None, 1:-1]
+    if closed:
+        eta = jnp.linspace(0, 1, nj + 1)[None, :-1]
 
     def control(constant: float, spline: Array | None) -> Array | float:
-        return constant if spline is None else constant + bspline.field(spline, xi, eta)
+        if spline is None:
+            return constant
+        return constant + bspline.field(bspline.closed(spline, 1) if closed else spline, xi, eta)
 
     return Elliptic(
         pattern.sides,
@@ -85,11 +91,47 @@ def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
     return grid, report.converged & ~report.folded
 
 
+def _respaced(pattern: GridLines, controls: Controls, base: AbstractGridMap) -> Respaced:
+    """A map with its lines as dense as the controls have them."""
+    if controls.crowding is None:
+        return Respaced(base, closed=pattern.closed)
+    of_xi, of_eta = controls.crowding
+    of_eta = bspline.closed(of_eta, 1) if pattern.closed else of_eta
+    rows_xi, rows_eta = (jax.vmap(DensitySpacing.of)(each) for each in (of_xi, of_eta))
+    return Respaced(
+        base,
+        SpacingField(rows_xi, closed_across=pattern.closed),
+        SpacingField(rows_eta, closed_along=pattern.closed),
+        pattern.closed,
+    )
+
+
+def _of_base(pattern: GridLines, controls: Controls) -> _Map:
+    assert pattern.base is not None
+    return _respaced(pattern, controls, pattern.base), _MADE
+
+
+def _o_transfinite(pattern: GridLines, controls: Controls) -> _Map:
+    # Between a straight cut and itself it is interpolation between the two other sides.
+    return _respaced(pattern, controls, Transfinite(pattern.sides)), _MADE
+
+
+def _o_elliptic(pattern: GridLines, controls: Controls) -> _Map:
+    grid, made = _elliptic(pattern, controls)
+    return _respaced(pattern, controls, grid), made
+
+
 MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
     "uniform": _uniform,
     "stretched": _stretched,
     "two-boundary": _two_boundary,
     "transfinite": _transfinite,
     "elliptic": _elliptic,
+    "polar": _of_base,
+    "o-transfinite": _o_transfinite,
+    "o-elliptic": _o_elliptic,
 }
 """The grid maps by name: a new one is one function here."""
+
+CLOSED = ("polar", "o-transfinite", "o-elliptic")
+"""Those that are rings along eta: lines of constant xi are closed, and go around a hole."""
