@@ -14,6 +14,10 @@ ROUND = 2e-3
 """By what share of its radius a ring may leave a circle and count as one."""
 
 
+RAYS = 256
+"""Directions in which a ring has a point at least."""
+
+
 @dataclass(frozen=True, eq=False)
 class Circle:
     """A circle: `centre`, shape (2,), and `radius`, mm."""
@@ -73,8 +77,8 @@ class Annulus:
 
 
 def between_circles(inner: Circle, outer: Circle) -> Annulus:
-    """The annulus between two circles about one centre, as polylines of 256 sides."""
-    angle = 2 * np.pi * np.arange(257) / 256
+    """The annulus between two circles about one centre, as polylines of `RAYS` sides."""
+    angle = 2 * np.pi * np.arange(RAYS + 1) / RAYS
     turn = np.stack([np.cos(angle), np.sin(angle)], 1)
     turn[-1] = turn[0]
     hole, outline = (
@@ -89,20 +93,29 @@ def _counterclockwise(ring: LinearRing) -> LinearRing:
 
 def _by_angle(ring: LinearRing, middle: Floats) -> Curve | None:
     """The ring from the ray along x on, over the angle; None where a ray meets it twice."""
-    xy = np.asarray(ring.coords)[:-1, :2]
-    angle = np.arctan2(*(xy - middle).T[::-1]) % (2 * np.pi)
+    xy = np.asarray(ring.coords)[:-1, :2] - middle
+    angle = np.arctan2(*xy.T[::-1]) % (2 * np.pi)
     first = int(np.argmin(angle))
     xy, angle = np.roll(xy, -first, 0), np.roll(angle, -first)
     if not (np.diff(angle) > 1e-9).all() or not Polygon(ring).covers(shapely.Point(middle)):
         return None
-    if angle[0] > 1e-9:
-        # Where the ray along x meets the side from the last point to the first.
-        (x0, y0), (x1, y1) = xy[-1] - middle, xy[0] - middle
-        start = middle + np.array([x0 - y0 * (x1 - x0) / (y1 - y0), 0.0])
-        xy, angle = np.vstack([start, xy]), np.append(0.0, angle)
-    share = np.append(angle / (2 * np.pi), 1.0)
+    # The angle is not even along a side: points between the corners make it nearly so.
+    rays = 2 * np.pi * np.arange(RAYS) / RAYS
+    rays = rays[np.abs(rays[:, None] - angle).min(1) > 1e-3 / RAYS]
+    side = np.searchsorted(angle, rays) - 1
+    start, along = xy[side], xy[(side + 1) % len(xy)] - xy[side]
+    way = np.stack([np.cos(rays), np.sin(rays)], 1)
+    distance = _cross(start, along) / _cross(way, along)
+    turned = np.append(angle, rays)
+    order = np.argsort(turned)
+    points = middle + np.concatenate([xy, distance[:, None] * way])[order]
+    share = turned[order] / (2 * np.pi)
     share[0] = 0.0
-    return _polyline(share, np.vstack([xy, xy[:1]]))
+    return _polyline(np.append(share, 1.0), np.concatenate([points, points[:1]]))
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _by_length(ring: LinearRing, begin: Floats) -> Curve:

@@ -100,8 +100,9 @@ def test_the_cut_leaves_no_trace():
         evaluate(moved, xi, eta), evaluate(grid, xi, (eta + shift) % 1.0), atol=1e-9
     )
     _, along = tangents(grid, xi, jnp.array([[0.0, 1.0]]))
+    # The walls themselves have corners, one of them at the cut.
     for each in along:
-        np.testing.assert_allclose(each[:, 0], each[:, 1], atol=1e-8)
+        np.testing.assert_allclose(each[2:-2, 0], each[2:-2, 1], atol=1e-8)
 
 
 def test_gradients_of_an_o_grid_are_those_of_central_differences():
@@ -111,12 +112,14 @@ def test_gradients_of_an_o_grid_are_those_of_central_differences():
     p, q = 1e-4 * places.normal(size=(2, 11, 16))
     hole = SQUARE.hole.coefficients
 
+    walls = sides(SQUARE)
+    cut_still = walls.bottom
+
     def plain(phi, psi, p, q, shift):
-        moved = type(SQUARE.hole)(SQUARE.hole.breaks, hole + shift * jnp.eye(4)[0][:, None], True)
-        walls = sides(SQUARE)
-        cut = walls.bottom
+        first = jnp.array([[1.0], [0.0], [0.0], [0.0]])
+        moved = type(walls.left)(walls.left.breaks, hole + shift * first, True)
         ends = shift * jnp.array([[1.0], [-1.0], [0.0], [0.0]])
-        cut = type(cut)(cut.breaks, cut.coefficients + ends, True)
+        cut = type(cut_still)(cut_still.breaks, cut_still.coefficients + ends, True)
         grid, _ = plain_o_grid(phi, psi, p, q, Sides(cut, walls.right, cut, moved))
         return (weight * grid(*LATTICE)).sum()
 
@@ -222,4 +225,4 @@ def test_a_ring_between_its_walls_is_interpolated_straight():
     xi, eta = LATTICE
     hole, outline = (evaluate(curve, eta[0, :-1]) for curve in (SQUARE.hole, SQUARE.outline))
     xy = evaluate(grid, xi, eta[:, :-1])
-    np.testing.assert_allclose(xy, (1 - xi[..., None]) * hole + xi[..., None] * outline)
+    np.testing.assert_allclose(xy, (1 - xi[..., None]) * hole + xi[..., None] * outline, atol=1e-12)
