@@ -17,7 +17,7 @@ from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Panel, Penalties
-from fdjax.pattern.maps import CLOSED, MAPS
+from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
 from fdjax.road.deposit import Points
@@ -32,7 +32,7 @@ class Controls(eqx.Module):
 
     - `spacing`: log density of lines along bottom, right, top and left, cubic B-splines, shape
       (4, K).
-    - `stretching`: log(beta - 1) of eq. (1) along x and y, shape (2,).
+    - `stretching`: the free number of the stretching along x and y, see `STRETCHINGS`, shape (2,).
     - `phi`, `psi`: control functions of the unit square, cubic B-splines, shape (K, L); they add
       to the pattern's constants.
     - `width`: road width as the free number of `width.within`, shape () or, as a spline, (K, L).
@@ -70,7 +70,8 @@ class GridLines(AbstractPattern):
     - `width`: road width, mm, where it is not a control; `width_range`: what the machine allows.
     - `height`: layer height, mm.
     - `phi`, `psi`, `p`, `q`: constants of the elliptic map, on the unit square.
-    - `beta`, `alpha`: of eq. (1) along x and y, for "stretched".
+    - `stretching`, `strength`, `alpha`: along x and y, for "stretched": keys of `STRETCHINGS`, the
+      number that shapes it, and what end it draws to.
     - `first`: the controls to start from.
     - `samples`: where design looks along xi and along eta.
     - `holes`: in the domain, or None.
@@ -78,8 +79,8 @@ class GridLines(AbstractPattern):
     - `skew_limit`: largest |cos| of the angle between the families, one or for each of the samples.
     - `kind`: a key of `MAPS`; `nodes`, `solver`: of the elliptic map.
     - `base`: the map that lines are spaced on, where it does not follow from `sides`.
-    - `disc`: whether `left` is but a point, at which eta lines would meet: they end before, where
-      they come nearer than a road's width.
+    - `apart`: on a disc, where `left` is but a point at which eta lines would meet, every second
+      one ends where they come nearer than this, mm; else None.
     - `spiral`: whether a closed map's xi lines are one spiral on each layer.
     """
 
@@ -95,21 +96,24 @@ class GridLines(AbstractPattern):
     psi: float = 0.0
     p: float = 0.0
     q: float = 0.0
-    beta: tuple[float, float] = (1.1, 1.1)
+    strength: tuple[float, float] = (1.1, 1.1)
     skew_limit: Float[Array, "n m"] | float = 0.9
     alpha: tuple[float, float] = eqx.field(static=True, default=(0.5, 0.5))
+    stretching: tuple[str, str] = eqx.field(static=True, default=("roberts", "roberts"))
     counts_fixed: bool = eqx.field(static=True, default=False)
     kind: str = eqx.field(static=True, default="transfinite")
     stacking: Stacking = eqx.field(static=True, default=Stacking())
     nodes: tuple[int, int] = eqx.field(static=True, default=(41, 41))
     solver: AbstractSolver = eqx.field(static=True, default=Newton())
     base: AbstractGridMap | None = None
-    disc: bool = eqx.field(static=True, default=False)
+    apart: float | None = None
     spiral: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self) -> None:
         if self.kind not in MAPS:
             raise InputError(f'map: "{self.kind}" is not one of {", ".join(MAPS)}')
+        if self.kind in NEED_BASE and self.base is None:
+            raise InputError(f'map: "{self.kind}" needs the map that it is, as `base`')
 
     def controls(self) -> Controls:
         return self.first
@@ -153,7 +157,7 @@ class GridLines(AbstractPattern):
             self.lines_per_layer,
             self.stacking,
             closed=self.closed,
-            least_spacing=porosity.widest(width) if self.disc else None,
+            least_spacing=self.apart,
         )
         if self.holes is not None:
             shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
@@ -188,7 +192,7 @@ class GridLines(AbstractPattern):
             (least * n_xi * norm(walled.eta) / positive)[1:-1],
             (least * n_eta * norm(walled.xi) / positive)[:, 1:-1],
         ]
-        if self.disc:
+        if self.apart is not None:
             # Eta lines end where they would come too near.
             closeness.pop()
         inner = Tangents(*(tangent[1:-1, 1:-1] for tangent in walled))
@@ -236,7 +240,7 @@ class GridLines(AbstractPattern):
         )
         traced = _trace(self, controls, xi, eta, points)
         starts = np.zeros(len(eta), int)
-        if self.disc:
+        if self.apart is not None:
             starts = self._starts(np.asarray(_spacing(self, controls, eta, points)))
         made: dict[Scan, Lines] = {}
         for layer in self.stacking.scans:
@@ -297,7 +301,7 @@ class GridLines(AbstractPattern):
             return self
         counts = [int(n) for n in self.comb]
         # Eta lines of a disc are as many as can be halved.
-        more = 0 if self.disc else int(np.argmax(counts))
+        more = int(np.argmax(counts)) if self.apart is None else 0
         share = laid / float(_volume(self))
 
         def model(extra: int) -> float:
@@ -419,9 +423,9 @@ def _spiral(
 
 @eqx.filter_jit
 def _spacing(pattern: GridLines, controls: Controls, eta: Array, points: int) -> Array:
-    """Of a layer's eta lines, in widths of the widest road, at the points traced of each."""
-    grid, width, _, _ = pattern.realise(controls)
+    """Of a layer's eta lines, as shares of `apart`, at the points traced of each."""
+    grid = pattern.realise(controls).grid
     run = jnp.linspace(0, 1, points)
     _, along = tangents(grid, run[:, None], eta[None])
     spacing = along.jacobian / (pattern.lines_per_layer[1] * norm(along.xi))
-    return (spacing / porosity.widest(width)).T
+    return (spacing / pattern.apart).T

@@ -1,5 +1,6 @@
 """Lines of a map of the unit square: what a user says of them, and how they begin."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -23,10 +24,12 @@ from fdjax.part.patch import from_polygon
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
 from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
-from fdjax.pattern.maps import CLOSED, MAPS
+from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS
 from fdjax.pattern.width import free_of
+from fdjax.road.bead import section_area
 from fdjax.road.holes import Holes
-from fdjax.road.porosity import Samples, equal_edges, whole_lines
+from fdjax.road.porosity import KEPT, Samples, equal_edges, whole_lines
+from fdjax.road.stacking import Stacking
 from fdjax.target.target import Target
 
 SOLVERS: dict[str, AbstractSolver] = {
@@ -37,19 +40,28 @@ SOLVERS: dict[str, AbstractSolver] = {
 """The elliptic solvers by name."""
 
 _MAP_CONTROLS = {
-    "uniform": (),
+    "uniform": ("spacing", "spacing_field"),
     "stretched": ("stretching",),
     "two-boundary": ("spacing",),
-    "transfinite": ("spacing",),
-    "elliptic": ("spacing", "phi", "psi"),
+    "transfinite": ("spacing", "spacing_field"),
+    "elliptic": ("spacing", "spacing_field", "phi", "psi"),
     "polar": ("spacing", "spacing_field"),
     "o-transfinite": ("spacing", "spacing_field"),
     "o-elliptic": ("spacing", "spacing_field", "phi", "psi"),
 }
 
+ALONG_AXES = ("uniform", *CLOSED)
+"""Maps whose `spacing` is one along each axis, and not one along each side."""
+
 FIELD = (16, 24), (12, 5)
 """Most coefficients of a spacing field along its lines' own axis, and across them: xi lines along
 xi at places of eta, eta lines along eta at places of xi."""
+
+PLAY = {"play": 0.45}
+"""What `begin` is asked for where lines are spaced by fields: room for both families."""
+
+INSIDE = 0.4
+"""Share of the material in the middle of a disc that eta lines bring; the rest xi lines do."""
 
 HALVED = 8
 """The eta lines of a disc are a multiple of this, so that every second one can end three times."""
@@ -80,8 +92,18 @@ class MapLines(AbstractSettings):
     )
     alpha: tuple[float, float] = key(
         pair(number(0, 0.5)),
-        "stretched: alpha of eq. (1); 0.5 draws lines to both ends, 0 to the last",
+        "stretched: alpha of eq. (1) and of tanh; 0.5 draws lines to both ends, 0 to the last",
         default=[0.5, 0.5],
+    )
+    stretching: tuple[str, str] = key(
+        pair(choice(*STRETCHINGS)),
+        "stretched: along x and y: eq. (1), a hyperbolic tangent, or steps that grow by one ratio",
+        default=["roberts", "roberts"],
+    )
+    strength: tuple[float, float] = key(
+        pair(number(-20, 20)),
+        "stretched: of tanh its delta, over 0; of geometric the logarithm of last to first step",
+        default=[1.5, 1.5],
     )
     phi: float = key(number(-1000, 1000), "elliptic: control along xi, unit square", default=0.0)
     psi: float = key(number(-1000, 1000), "elliptic: control along eta, unit square", default=0.0)
@@ -126,6 +148,9 @@ class MapLines(AbstractSettings):
                 raise InputError(f"give {name} or {name}_index, not both")
         if min(self.beta) <= 1:
             raise InputError("beta: both must be more than 1")
+        for name, strength in zip(self.stretching, self.strengths, strict=True):
+            if not strength > STRETCHINGS[name].least:
+                raise InputError(f"strength: of {name} it must be more than 0")
         if not set(self.alpha) <= {0.0, 0.5}:
             raise InputError("alpha: each must be 0 or 0.5")
         if self.map not in MAPS:
@@ -147,6 +172,14 @@ class MapLines(AbstractSettings):
         return self.map == "elliptic"
 
     @property
+    def strengths(self) -> tuple[float, float]:
+        """Of the stretchings along x and y: beta of eq. (1), `strength` of others."""
+        return _pair(
+            beta if name == "roberts" else strength
+            for name, beta, strength in zip(self.stretching, self.beta, self.strength, strict=True)
+        )
+
+    @property
     def phi_psi(self) -> tuple[float, float]:
         """phi and psi of the unit square, however they were given."""
         phi = self.phi if self.phi_index is None else self.phi_index * (self.nodes[0] - 1)
@@ -162,6 +195,10 @@ class MapLines(AbstractSettings):
         domain = self._domain(part, target)
         height = part.slabs[0].height
         stacking = self.stacking(len(part.slabs))
+        play = PLAY if "spacing_field" in self.controls else {}
+        apart = self._apart(domain, target, stacking, height) if domain.disc else None
+        if apart is not None:
+            play = {**play, "densest": KEPT / apart}
         start = begin(
             domain.sides,
             target,
@@ -171,6 +208,7 @@ class MapLines(AbstractSettings):
             limits=limits,
             lines=self.lines,
             window=window,
+            **play,
         )
         if domain.disc and self.lines is None:
             whole = HALVED * stacking.phases
@@ -192,7 +230,8 @@ class MapLines(AbstractSettings):
             psi=psi,
             p=self.p,
             q=self.q,
-            beta=self.beta,
+            stretching=self.stretching,
+            strength=self.strengths,
             alpha=self.alpha,
             skew_limit=jnp.full([len(each.places) for each in samples], 0.9, jnp.float64),
             counts_fixed=self.lines is not None,
@@ -201,7 +240,7 @@ class MapLines(AbstractSettings):
             nodes=self.nodes,
             solver=Continuation(Newton(closed=True)) if domain.closed else SOLVERS[self.solver],
             base=domain.base,
-            disc=domain.disc,
+            apart=apart,
             spiral=self.spiral,
         )
         # No more skewed than the grid that the outline itself gives.
@@ -219,6 +258,17 @@ class MapLines(AbstractSettings):
         annulus = Annulus.of(polygon, f'map "{self.map}"')
         return _Domain(_sides_of(annulus), Polygon(polygon.exterior), closed=True)
 
+    def _apart(self, domain: "_Domain", target: Target, stacking: Stacking, height: float) -> float:
+        """How near eta lines come to each other in the middle of a disc, mm.
+
+        So that they bring `INSIDE` of the material that is asked there, or as near as roads can.
+        """
+        x, y = domain.sides.left.polyline()[:-1].mean(0)
+        solid = 1 - float(np.asarray(target(x, y)))
+        width = self.road_width
+        lines = KEPT * stacking.layer_share("eta") * float(section_area(width, height)) / height
+        return max(width, lines / (INSIDE * max(solid, 1e-6)))
+
     def _first(self, start: Start, domain: "_Domain", limits: Limits, window: float) -> Controls:
         """The controls to start from; those not asked for are None."""
         controls, knots = self.controls, self.knots
@@ -231,16 +281,21 @@ class MapLines(AbstractSettings):
         width = free_of(start.width, *limits.road_width)
         widths = {"width": jnp.asarray(width), "width_field": jnp.full(self.field_knots, width)}
         wanted = {name: widths[name] for name in controls if name in widths}
-        on_sides = "spacing" in controls and not domain.closed
-        in_field = "spacing_field" in controls or ("spacing" in controls and domain.closed)
+        on_axes = self.map in ALONG_AXES
+        on_sides = "spacing" in controls and not on_axes
+        in_field = "spacing_field" in controls or ("spacing" in controls and on_axes)
         return Controls(
             spacing=jnp.stack([along_xi, along_eta] * 2) if on_sides else None,
             crowding=self._crowding(start, domain, window) if in_field else None,
-            stretching=(jnp.log(jnp.asarray(self.beta) - 1) if "stretching" in controls else None),
+            stretching=self._free_stretching() if "stretching" in controls else None,
             phi=jnp.zeros(self.field_knots) if "phi" in controls else None,
             psi=jnp.zeros(self.field_knots) if "psi" in controls else None,
             width=next(iter(wanted.values()), None),
         )
+
+    def _free_stretching(self) -> Any:
+        each = zip(self.stretching, self.strengths, strict=True)
+        return jnp.asarray([STRETCHINGS[name].free(strength) for name, strength in each])
 
     def _crowding(self, start: Start, domain: "_Domain", window: float) -> tuple[Any, Any]:
         """Log densities of both families: along their own axis, and, as a field, across it."""
@@ -326,8 +381,9 @@ def _polygon_of(part: Part, target: Target) -> Polygon:
     return polygon
 
 
-def _is_none(value: Any) -> bool:
-    return value is None
+def _pair(values: Iterable[float]) -> tuple[float, float]:
+    first, second = values
+    return first, second
 
 
 def _samples(

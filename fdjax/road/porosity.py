@@ -213,6 +213,10 @@ def kept(spacing: Float[Array, "..."]) -> Float[Array, "..."]:
     return (clear / (2 * powers)).sum(-1) + 0.5 / powers[-1]
 
 
+KEPT = 0.72
+"""Mean of `kept` times spacing where lines end by halves: density of those, in least spacings."""
+
+
 def first_kept(spacing: np.ndarray, level: np.ndarray) -> np.ndarray:
     """Of lines side by side, the point from which on each keeps its distance from the others.
 
