@@ -1,14 +1,13 @@
 """A region with one hole, or none, as two closed curves cut open along one line."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import shapely
 from shapely import LinearRing, Polygon
 
 from fdjax.errors import InputError
-from fdjax.part.curve import Curve, Floats
+from fdjax.part.curve import Curve, Floats, polyline_at
 
 ROUND = 2e-3
 """By what share of its radius a ring may leave a circle and count as one."""
@@ -82,7 +81,8 @@ def between_circles(inner: Circle, outer: Circle) -> Annulus:
     turn = np.stack([np.cos(angle), np.sin(angle)], 1)
     turn[-1] = turn[0]
     hole, outline = (
-        _polyline(angle / (2 * np.pi), outer.centre + each.radius * turn) for each in (inner, outer)
+        polyline_at(angle / (2 * np.pi), outer.centre + each.radius * turn)
+        for each in (inner, outer)
     )
     return Annulus(hole, outline, _straight(hole.start, outline.start))
 
@@ -111,7 +111,7 @@ def _by_angle(ring: LinearRing, middle: Floats) -> Curve | None:
     points = middle + np.concatenate([xy, distance[:, None] * way])[order]
     share = turned[order] / (2 * np.pi)
     share[0] = 0.0
-    return _polyline(np.append(share, 1.0), np.concatenate([points, points[:1]]))
+    return polyline_at(np.append(share, 1.0), np.concatenate([points, points[:1]]))
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
@@ -128,16 +128,8 @@ def _by_length(ring: LinearRing, begin: Floats) -> Curve:
     order = order[(place[order] > 1e-9 * walked[-1]) & (place[order] < (1 - 1e-9) * walked[-1])]
     start = shapely.get_coordinates(ring.interpolate(at))
     share = np.concatenate([[0.0], place[order] / walked[-1], [1.0]])
-    return _polyline(share, np.vstack([start, xy[order], start]))
+    return polyline_at(share, np.vstack([start, xy[order], start]))
 
 
 def _straight(start: Floats, end: Floats) -> Curve:
-    return _polyline(np.array([0.0, 1.0]), np.stack([start, end]))
-
-
-def _polyline(breaks: Floats, xy: Floats) -> Curve:
-    """The polyline through points at these parameters."""
-    coefficients: Any = np.zeros((len(xy) - 1, 4, 2))
-    coefficients[:, 0] = xy[:-1]
-    coefficients[:, 1] = np.diff(xy, axis=0) / np.diff(breaks)[:, None]
-    return Curve(breaks, coefficients, corners=True)
+    return polyline_at(np.array([0.0, 1.0]), np.stack([start, end]))

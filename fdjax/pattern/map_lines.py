@@ -12,6 +12,7 @@ from shapely import Point, Polygon
 
 from fdjax.errors import InputError
 from fdjax.grid.base import AbstractGridMap, Sides
+from fdjax.grid.conformal import chart
 from fdjax.grid.continuation import Continuation
 from fdjax.grid.polar import Polar
 from fdjax.grid.solvers import SOR, AbstractSolver, Multigrid, Newton
@@ -20,7 +21,7 @@ from fdjax.keys import FLAG, choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
 from fdjax.part.annulus import ROUND, Annulus, Circle, between_circles
 from fdjax.part.part import Part
-from fdjax.part.patch import from_polygon
+from fdjax.part.patch import Patch, from_polygon
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
 from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
@@ -46,11 +47,12 @@ _MAP_CONTROLS = {
     "transfinite": ("spacing", "spacing_field"),
     "elliptic": ("spacing", "spacing_field", "phi", "psi"),
     "polar": ("spacing", "spacing_field"),
+    "conformal": ("spacing", "spacing_field"),
     "o-transfinite": ("spacing", "spacing_field"),
     "o-elliptic": ("spacing", "spacing_field", "phi", "psi"),
 }
 
-ALONG_AXES = ("uniform", *CLOSED)
+ALONG_AXES = ("uniform", "conformal", *CLOSED)
 """Maps whose `spacing` is one along each axis, and not one along each side."""
 
 FIELD = (16, 24), (12, 5)
@@ -62,6 +64,12 @@ PLAY = {"play": 0.45}
 
 INSIDE = 0.4
 """Share of the material in the middle of a disc that eta lines bring; the rest xi lines do."""
+
+VERTICES = 64
+"""Most vertices of an outline that is mapped conformally."""
+
+CONFORMAL = 1e-6
+"""By what share of its size a conformal map may miss its vertices."""
 
 HALVED = 8
 """The eta lines of a disc are a multiple of this, so that every second one can end three times."""
@@ -168,6 +176,11 @@ class MapLines(AbstractSettings):
             raise InputError(f'solver: map "{self.map}" is solved by "newton" only')
 
     @property
+    def corrections(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Rays of a disc end where a plan has them, which its model knows roughly."""
+        return 2 if self.map == "polar" and self.controls else 0
+
+    @property
     def cells_first(self) -> bool:
         return self.map == "elliptic"
 
@@ -250,6 +263,8 @@ class MapLines(AbstractSettings):
     def _domain(self, part: Part, target: Target) -> "_Domain":
         """What the map is of. Raises `InputError` for a part that it cannot be of."""
         polygon = _polygon_of(part, target)
+        if self.map == "conformal":
+            return _conformal(part.patch or from_polygon(polygon))
         if self.map not in CLOSED:
             patch = part.patch or from_polygon(polygon)
             return _Domain(Sides.of(patch), patch.outline)
@@ -341,6 +356,26 @@ class _Domain:
 
 def _sides_of(annulus: Annulus) -> Sides:
     return Sides(annulus.cut, annulus.outline, annulus.cut, annulus.hole)
+
+
+def _conformal(patch: Patch) -> _Domain:
+    """The conformal map of a polygon, its parameter problem solved."""
+    sides = (patch.bottom, patch.right, patch.top.reversed(), patch.left.reversed())
+    runs = [side.polyline()[:-1] for side in sides]
+    vertices = np.concatenate(runs)
+    if len(vertices) > VERTICES:
+        raise InputError(
+            f'part: its outline has {len(vertices)} vertices; map "conformal" takes at most '
+            f'{VERTICES}: give fewer, or use map "elliptic"'
+        )
+    first = np.cumsum([0, *map(len, runs)]).tolist()
+    base, error = chart(vertices, (first[0], first[1], first[2], first[3]))
+    if not error < CONFORMAL:
+        raise InputError(
+            f"part: the conformal map of its outline is wrong by {error:.1g} of its size: it is "
+            'too long or too thin for one; use map "elliptic" or pattern kind "isolines"'
+        )
+    return _Domain(base.sides, patch.outline, base=base)
 
 
 def _polar(polygon: Polygon, width: float) -> _Domain:

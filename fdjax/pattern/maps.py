@@ -161,12 +161,13 @@ MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
     "transfinite": _transfinite,
     "elliptic": _elliptic,
     "polar": _of_base,
+    "conformal": _of_base,
     "o-transfinite": _o_transfinite,
     "o-elliptic": _elliptic,
 }
 """The grid maps by name: a new one is one function here."""
 
-NEED_BASE = ("polar",)
+NEED_BASE = ("polar", "conformal")
 """Those that are given, and do not follow from four sides."""
 
 CLOSED = ("polar", "o-transfinite", "o-elliptic")
