@@ -23,7 +23,7 @@ class Factors(NamedTuple):
     upper: Float[Array, "n m m"]
 
 
-def _lines(stencil: Stencil) -> tuple[Array, Array, Array]:
+def _lines(stencil: Stencil, closed: bool) -> tuple[Array, Array, Array]:
     """Lower, diagonal and upper blocks, shape (i, 2 j, 2 j): each couples whole lines."""
 
     def block(row: tuple[Array, ...]) -> Array:
@@ -35,15 +35,20 @@ def _lines(stencil: Stencil) -> tuple[Array, Array, Array]:
         dense = dense.at[:, at, :, at].set(on.swapaxes(0, 1))
         dense = dense.at[:, at[1:], :, at[:-1]].set(below[:, 1:].swapaxes(0, 1))
         dense = dense.at[:, at[:-1], :, at[1:]].set(above[:, :-1].swapaxes(0, 1))
+        if closed:
+            dense = dense.at[:, 0, :, -1].set(below[:, 0]).at[:, -1, :, 0].set(above[:, -1])
         return dense.reshape(i, 2 * j, 2 * j)
 
     lower, diagonal, upper = (block(row) for row in stencil.blocks)
     return lower, diagonal, upper
 
 
-def factor(stencil: Stencil) -> Factors:
-    """Eliminate the system of `stencil`; the lines run along the second axis."""
-    lower, diagonal, upper = _lines(stencil)
+def factor(stencil: Stencil, *, closed: bool = False) -> Factors:
+    """Eliminate the system of `stencil`; the lines run along the second axis.
+
+    `closed`: the last node of a line is the neighbour of its first, as on a ring.
+    """
+    lower, diagonal, upper = _lines(stencil, closed)
 
     def step(above: Array, blocks: tuple[Array, Array, Array]) -> tuple[Array, tuple]:
         low, diag, up = blocks

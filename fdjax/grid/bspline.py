@@ -30,8 +30,8 @@ def field(
     the coefficients beyond the second are components, and come last in the result.
     """
     if xi.ndim == eta.ndim == 2 and xi.shape[1] == eta.shape[0] == 1:
-        along_xi = _dense(xi[:, 0], coefficients.shape[0])
-        along_eta = _dense(eta[0], coefficients.shape[1])
+        along_xi = dense(xi[:, 0], coefficients.shape[0])
+        along_eta = dense(eta[0], coefficients.shape[1])
         return jnp.einsum("ik,kl...,jl->ij...", along_xi, coefficients, along_eta)
     xi, eta = jnp.broadcast_arrays(xi, eta)
     i, wi = _weights(xi, coefficients.shape[0])
@@ -42,7 +42,8 @@ def field(
     return (coefficients[rows, columns] * weights).sum((xi.ndim, xi.ndim + 1))
 
 
-def _dense(t: Float[Array, " n"], count: int) -> Float[Array, "n K"]:
+def dense(t: Float[Array, " n"], count: int) -> Float[Array, "n K"]:
+    """Values of the `count` basis splines at the places `t` in [0, 1]; differentiable in t."""
     first, weights = _weights(t, count)
     rows = np.arange(t.size)[:, None]
     return jnp.zeros((t.size, count)).at[rows, first[:, None] + np.arange(4)].set(weights)
@@ -53,6 +54,26 @@ def basis(t: np.ndarray, count: int) -> np.ndarray:
     distance = np.abs(t[:, None] * (count - 3) + 1 - np.arange(count))
     near, far = 4 - 6 * distance**2 + 3 * distance**3, np.maximum(2 - distance, 0) ** 3
     return np.where(distance < 1, near, far) / 6
+
+
+def closed(coefficients: Array, axis: int) -> Array:
+    """The coefficients of a periodic spline, those of one period given along an axis.
+
+    M of them, at least 1, span M equal intervals of the period; the first lies at its beginning.
+    """
+    count = coefficients.shape[axis]
+    return jnp.take(coefficients, (np.arange(count + 3) - 1) % count, axis)
+
+
+@cache
+def closed_interpolation(nodes: int) -> np.ndarray:
+    """Matrix (nodes + 3, nodes) from values at places k / nodes of a period to coefficients.
+
+    The coefficients are those of the whole period, as `closed` gives them. Needs 3 nodes.
+    """
+    turn = np.roll(np.eye(nodes), 1, axis=0)
+    around = np.linalg.inv((4 * np.eye(nodes) + turn + turn.T) / 6)
+    return around[(np.arange(nodes + 3) - 1) % nodes]
 
 
 @cache

@@ -47,6 +47,10 @@ class Continuation(AbstractSolver):
     def tolerance(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
         return self.solver.tolerance
 
+    @property
+    def closed(self) -> bool:
+        return self.solver.closed
+
     def solve(
         self,
         start: Float[Array, "ni nj 2"],

@@ -16,7 +16,7 @@ from fdjax.grid import block_tridiagonal, bspline, multigrid, operators, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite, between_walls
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.solvers import AbstractSolver, Multigrid, Report
-from fdjax.grid.transfer import Pair, each, interior, planes, points, walled
+from fdjax.grid.transfer import Pair, each, interior, planes, points, rejoined, walled
 from fdjax.grid.winslow import ControlFunctions
 from fdjax.precision import require_float64
 
@@ -29,7 +29,8 @@ def solve(
 ) -> tuple[Float[Array, "ni nj 2"], Report]:
     """The lattice that satisfies the elliptic equations, and how the solve went.
 
-    - `start`: the boundary nodes, which stay, and a first guess inside.
+    - `start`: the boundary nodes, which stay, and a first guess inside. Where the solver is one of
+      closed lattices, only the first and the last row are boundaries.
     - `controls`: control functions per index step.
     - `warm`: whether the guess is near the solution; see `AbstractSolver.solve`.
 
@@ -84,16 +85,19 @@ def _solve_jvp(solver: AbstractSolver, warm: bool, primals: tuple, tangents: tup
     start_dot, controls_dot = tangents
     r, report = _solve(solver, warm, start, controls)
     boundary_dot = start_dot.at[1:-1, 1:-1].set(0.0)
+    whole = rejoined if solver.closed else lambda nodes: nodes
+    if solver.closed:
+        boundary_dot = boundary_dot.at[1:-1].set(0.0)
 
     def left(nodes: Array, functions: ControlFunctions) -> Pair:
-        return operators.equations_of(functions).residual(planes(nodes))
+        return operators.equations_of(functions).residual(planes(whole(nodes)))
 
     def apply(change: Pair) -> Pair:
         return jax.jvp(lambda nodes: left(nodes, controls), (r,), (points(change),))[1]
 
     _, residual_dot = jax.jvp(left, (r, controls), (boundary_dot, controls_dot))
     solve_forward, solve_transposed = _linear_solves(
-        r, controls, min(0.1 * solver.tolerance, LINEAR)
+        r, controls, min(0.1 * solver.tolerance, LINEAR), closed=solver.closed
     )
     inside_dot = jax.lax.custom_linear_solve(
         apply,
@@ -101,7 +105,7 @@ def _solve_jvp(solver: AbstractSolver, warm: bool, primals: tuple, tangents: tup
         solve=lambda _, b: solve_forward(b),
         transpose_solve=lambda _, b: solve_transposed(b),
     )
-    r_dot = boundary_dot + points(each(interior, inside_dot))
+    r_dot = whole(boundary_dot + points(each(interior, inside_dot)))
     return (r, report), (r_dot, jax.tree.map(_no_tangent, report))
 
 
@@ -115,17 +119,17 @@ _Solve = Callable[[Pair], Pair]
 
 
 def _linear_solves(
-    r: Float[Array, "ni nj 2"], controls: ControlFunctions, tolerance: float
+    r: Float[Array, "ni nj 2"], controls: ControlFunctions, tolerance: float, *, closed: bool
 ) -> tuple[_Solve, _Solve]:
     """Solutions of the linearised equations and of their transpose, for any number of right sides.
 
     Right sides and solutions are planes with zeros on the walls. Elimination serves many right
     sides at little more than the cost of one, but its own cost grows with the cube of a line's
-    nodes; multigrid's grows with the nodes, for each right side.
+    nodes; multigrid's grows with the nodes, for each right side. Closed lattices are eliminated.
     """
     terms = operators.derivative(planes(r), operators.equations_of(controls))
-    if r.shape[1] <= ELIMINATED:
-        factors = block_tridiagonal.factor(operators.stencil(terms))
+    if closed or r.shape[1] <= ELIMINATED:
+        factors = block_tridiagonal.factor(operators.stencil(terms), closed=closed)
 
         def by_elimination(eliminate: Callable[[Any, Array], Array]) -> _Solve:
             def solve(rhs: Pair) -> Pair:
@@ -165,12 +169,21 @@ class NodeMap(AbstractGridMap):
     spacings: Spacings
 
     @classmethod
-    def through(cls, nodes: Float[Array, "ni nj 2"], sides: Sides, spacings: Spacings) -> "NodeMap":
-        """The map through `nodes` (at least 4 each way) at equally spaced (xi, eta)."""
+    def through(
+        cls,
+        nodes: Float[Array, "ni nj 2"],
+        sides: Sides,
+        spacings: Spacings,
+        *,
+        closed: bool = False,
+    ) -> "NodeMap":
+        """The map through `nodes` (at least 4 each way) at equally spaced (xi, eta).
+
+        `closed`: along eta the nodes are those of a ring, each once, from eta = 0 on.
+        """
         ni, nj = nodes.shape[:2]
-        coefficients = jnp.einsum(
-            "ki,lj,ijc->klc", bspline.interpolation(ni), bspline.interpolation(nj), nodes
-        )
+        along_eta = bspline.closed_interpolation if closed else bspline.interpolation
+        coefficients = jnp.einsum("ki,lj,ijc->klc", bspline.interpolation(ni), along_eta(nj), nodes)
         return cls(coefficients, sides, spacings)
 
     def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
@@ -210,6 +223,11 @@ class Elliptic(eqx.Module):
       `winslow.boundary_controls`, to which phi and psi then add.
     - `phi_index`, `psi_index`: controls per index step, the form of the paper's numbers; they add
       to phi and psi. 0.03 on 51 nodes is 1.5 on the unit square.
+
+    With a solver of closed lattices the grid is a ring, an O-grid: `left` and `right` are closed
+    curves, `bottom` and `top` are both the straight cut between their beginnings, which leaves no
+    trace in the result. nj is then the number of nodes around, each counted once, and controls at
+    nodes have shape (ni - 2, nj), at eta = 0, 1/nj, ... It keeps to uniform spacings of its walls.
 
     Raises `InputError` for too few nodes, controls that are not finite and sides that do not meet.
     """
@@ -253,7 +271,12 @@ class Elliptic(eqx.Module):
         """The transfinite lattice to start from and the controls per index step: for a solver."""
         require_float64()
         ni, nj = self.nodes
-        xi, eta = jnp.linspace(0, 1, ni)[:, None], jnp.linspace(0, 1, nj)[None]
+        if self.solver.closed:
+            nj += 1
+            around = np.arange(-1, nj) % (nj - 1) / (nj - 1)
+        else:
+            around = np.linspace(0, 1, nj)
+        xi, eta = jnp.linspace(0, 1, ni)[:, None], jnp.asarray(around)[None]
         start = Transfinite(self.sides, self.spacings)(xi, eta)
         controls = ControlFunctions(
             jnp.asarray(self.phi / (ni - 1) + self.phi_index),
@@ -292,4 +315,6 @@ class Elliptic(eqx.Module):
         `start`: as for `solve`.
         """
         nodes, report = self.solve(start)
-        return NodeMap.through(nodes, self.sides, self.spacings), report
+        closed = self.solver.closed
+        nodes = nodes[:, 1:-1] if closed else nodes
+        return NodeMap.through(nodes, self.sides, self.spacings, closed=closed), report

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from fdjax.grid import batches, block_tridiagonal, multigrid, operators, winslow
 from fdjax.grid.algebraic import between_walls
 from fdjax.grid.operators import GridEquations
-from fdjax.grid.transfer import Pair, each, planes, points, walled
+from fdjax.grid.transfer import Pair, each, planes, points, rejoined, walled
 from fdjax.grid.winslow import ControlFunctions
 
 CONVERGED, STALLED, TOO_LONG = 0, 1, 2
@@ -102,9 +102,14 @@ class AbstractSolver(ABC):
     """Static, hashable settings and the method that uses them.
 
     - `tolerance`: what the mean correction has to come down to, of that of the starting lattice.
+    - `closed`: whether lattices are rings along eta, as `fdjax.grid.transfer.rejoined` has them.
     """
 
     tolerance: float
+
+    @property
+    def closed(self) -> bool:
+        return False
 
     @abstractmethod
     def solve(
@@ -152,6 +157,7 @@ class Newton(AbstractSolver):
     tolerance: float = 1e-10
     max_steps: int = 40
     halvings: int = 12
+    closed: bool = False  # pyright: ignore[reportIncompatibleMethodOverride]
 
     def solve(
         self,
@@ -166,8 +172,9 @@ class Newton(AbstractSolver):
             r, progress = state
             rhs = -winslow.residual(r, controls)
             terms = operators.derivative(planes(r), equations)
-            factors = block_tridiagonal.factor(operators.stencil(terms))
+            factors = block_tridiagonal.factor(operators.stencil(terms), closed=self.closed)
             trial = r + walled(block_tridiagonal.solve(factors, rhs))
+            trial = rejoined(trial) if self.closed else trial
             cut, size, better = _cut_back(
                 planes(r),
                 planes(trial),

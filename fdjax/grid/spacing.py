@@ -89,11 +89,51 @@ class RobertsSpacing(AbstractSpacing):
         return (2 * a + b * jnp.tanh((t - a) / (1 - a) * jnp.arctanh(1 / b))) / (2 * a + 1)
 
 
-def fit_log_density(density: np.ndarray, knots: int) -> np.ndarray:
+class TanhSpacing(AbstractSpacing):
+    """`s(t) = (2a + tanh(d q) / tanh(d)) / (2a + 1)`, with `q = (t-a)/(1-a)`.
+
+    The hyperbolic tangent of Vinokur (J. Comput. Phys. 50, 1983), which is eq. (1) at
+    `beta = coth(d)`; `alpha` a as there. `delta` d > 0: the larger, the stronger; even steps as it
+    goes to 0. Differentiable in delta. Raises `ValueError` for another alpha.
+    """
+
+    delta: Float[Array, ""]
+    alpha: float = eqx.field(static=True, default=0.5)
+
+    def __check_init__(self) -> None:
+        if self.alpha not in (0.0, 0.5):
+            raise ValueError(f"TanhSpacing: alpha is {self.alpha}; 0 or 0.5 map 0 to 0")
+
+    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        a, d = self.alpha, self.delta
+        return (2 * a + jnp.tanh(d * (t - a) / (1 - a)) / jnp.tanh(d)) / (2 * a + 1)
+
+
+class GeometricSpacing(AbstractSpacing):
+    """`s(t) = (e^(g t) - 1) / (e^g - 1)`: steps that grow by one ratio, e^g from first to last.
+
+    `growth` g of either sign; 0 is even. Differentiable in it.
+    """
+
+    growth: Float[Array, ""]
+
+    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        g = jnp.asarray(self.growth)
+        small = jnp.abs(g) < 1e-6
+        safe = jnp.where(small, 1.0, g)
+        even = t + g * t * (t - 1) / 2
+        return jnp.where(small, even, jnp.expm1(safe * t) / jnp.expm1(safe))
+
+
+def fit_log_density(density: np.ndarray, knots: int, *, closed: bool = False) -> np.ndarray:
     """Coefficients (knots,) of the `DensitySpacing` nearest to a density of lines along a side.
 
     `density` holds positive values at equally spaced places of the side, ends included; least
-    squares of the logarithm.
+    squares of the logarithm. `closed`: of a ring, the coefficients of one period.
     """
-    basis = bspline.basis(np.linspace(0, 1, len(density)), knots)
+    places = np.linspace(0, 1, len(density))
+    if closed:
+        basis = bspline.basis(places, knots + 3) @ np.asarray(bspline.closed(jnp.eye(knots), 0))
+    else:
+        basis = bspline.basis(places, knots)
     return np.linalg.lstsq(basis, np.log(density), rcond=None)[0]

@@ -171,6 +171,14 @@ def walled(u: Array) -> Plane:
     return jax.lax.pad(u, jnp.zeros((), u.dtype), padding)
 
 
+def rejoined(r: Float[Array, "ni nj 2"]) -> Float[Array, "ni nj 2"]:
+    """A closed lattice with its first and last columns made copies of those across the cut.
+
+    A closed lattice holds each node of its rings once in the columns between.
+    """
+    return r.at[:, 0].set(r[:, -2]).at[:, -1].set(r[:, 1])
+
+
 def interior(u: Plane) -> Plane:
     """The plane with zeros on the walls."""
     return walled(u[1:-1, 1:-1])

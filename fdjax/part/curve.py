@@ -93,7 +93,11 @@ def polyline(points: ArrayLike) -> Curve:
     [3.0, 0.0]
     """
     xy = as_points(points, "polyline")
-    breaks = _chords(xy, "polyline")
+    return polyline_at(_chords(xy, "polyline"), xy)
+
+
+def polyline_at(breaks: Floats, xy: Floats) -> Curve:
+    """The polyline that is at the points `xy`, (n, 2), mm, at `breaks`, n rising from 0 to 1."""
     coefficients = np.zeros((len(xy) - 1, 4, 2))
     coefficients[:, 0] = xy[:-1]
     coefficients[:, 1] = np.diff(xy, axis=0) / np.diff(breaks)[:, None]

@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from fdjax.errors import InputError
+from fdjax.grid import bspline
 from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
 from fdjax.grid.laplacians import laplacians
 from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Panel, Penalties
-from fdjax.pattern.maps import MAPS
+from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
 from fdjax.road.deposit import Points
@@ -31,10 +32,14 @@ class Controls(eqx.Module):
 
     - `spacing`: log density of lines along bottom, right, top and left, cubic B-splines, shape
       (4, K).
-    - `stretching`: log(beta - 1) of eq. (1) along x and y, shape (2,).
+    - `stretching`: the free number of the stretching along x and y, see `STRETCHINGS`, shape (2,).
     - `phi`, `psi`: control functions of the unit square, cubic B-splines, shape (K, L); they add
       to the pattern's constants.
     - `width`: road width as the free number of `width.within`, shape () or, as a spline, (K, L).
+    - `crowding`: log density of the xi lines along xi, shape (R, K), at R places along eta, and of
+      the eta lines along eta, (S, L), at S places along xi: cubic B-splines both ways.
+
+    On a closed map splines over eta are periodic.
     """
 
     spacing: Float[Array, "4 K"] | None = None
@@ -42,6 +47,7 @@ class Controls(eqx.Module):
     phi: Float[Array, "K L"] | None = None
     psi: Float[Array, "K L"] | None = None
     width: Float[Array, "..."] | None = None
+    crowding: tuple[Float[Array, "R K"], Float[Array, "S L"]] | None = None
 
 
 class Realised(NamedTuple):
@@ -64,13 +70,18 @@ class GridLines(AbstractPattern):
     - `width`: road width, mm, where it is not a control; `width_range`: what the machine allows.
     - `height`: layer height, mm.
     - `phi`, `psi`, `p`, `q`: constants of the elliptic map, on the unit square.
-    - `beta`, `alpha`: of eq. (1) along x and y, for "stretched".
+    - `stretching`, `strength`, `alpha`: along x and y, for "stretched": keys of `STRETCHINGS`, the
+      number that shapes it, and what end it draws to.
     - `first`: the controls to start from.
     - `samples`: where design looks along xi and along eta.
     - `holes`: in the domain, or None.
     - `counts_fixed`: whether the number of lines was given, and stays.
     - `skew_limit`: largest |cos| of the angle between the families, one or for each of the samples.
     - `kind`: a key of `MAPS`; `nodes`, `solver`: of the elliptic map.
+    - `base`: the map that lines are spaced on, where it does not follow from `sides`.
+    - `apart`: on a disc, where `left` is but a point at which eta lines would meet, every second
+      one ends where they come nearer than this, mm; else None.
+    - `spiral`: whether a closed map's xi lines are one spiral on each layer.
     """
 
     sides: Sides
@@ -85,24 +96,35 @@ class GridLines(AbstractPattern):
     psi: float = 0.0
     p: float = 0.0
     q: float = 0.0
-    beta: tuple[float, float] = (1.1, 1.1)
+    strength: tuple[float, float] = (1.1, 1.1)
     skew_limit: Float[Array, "n m"] | float = 0.9
     alpha: tuple[float, float] = eqx.field(static=True, default=(0.5, 0.5))
+    stretching: tuple[str, str] = eqx.field(static=True, default=("roberts", "roberts"))
     counts_fixed: bool = eqx.field(static=True, default=False)
     kind: str = eqx.field(static=True, default="transfinite")
     stacking: Stacking = eqx.field(static=True, default=Stacking())
     nodes: tuple[int, int] = eqx.field(static=True, default=(41, 41))
     solver: AbstractSolver = eqx.field(static=True, default=Newton())
+    base: AbstractGridMap | None = None
+    apart: float | None = None
+    spiral: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self) -> None:
         if self.kind not in MAPS:
             raise InputError(f'map: "{self.kind}" is not one of {", ".join(MAPS)}')
+        if self.kind in NEED_BASE and self.base is None:
+            raise InputError(f'map: "{self.kind}" needs the map that it is, as `base`')
 
     def controls(self) -> Controls:
         return self.first
 
     def at(self, controls: Controls) -> "GridLines":
         return eqx.tree_at(lambda p: p.first, self, controls)
+
+    @property
+    def closed(self) -> bool:
+        """Whether xi lines run around a ring."""
+        return self.kind in CLOSED
 
     @property
     def lines_per_layer(self) -> tuple[Array, Array]:
@@ -122,13 +144,20 @@ class GridLines(AbstractPattern):
         elif controls.width.ndim == 0:
             width = UniformWidth(within(controls.width, low, high))
         else:
-            width = SplineWidth(controls.width, low, high)
+            values = bspline.closed(controls.width, 1) if self.closed else controls.width
+            width = SplineWidth(values, low, high)
         return Realised(grid, width, made, Lattice.of(grid, self.samples))
 
     def deposit(self, realised: Realised) -> Points:
         width = realised.width
         xy, volume = porosity.line_deposit(
-            realised.lattice, width, self.height, self.lines_per_layer, self.stacking
+            realised.lattice,
+            width,
+            self.height,
+            self.lines_per_layer,
+            self.stacking,
+            closed=self.closed,
+            least_spacing=self.apart,
         )
         if self.holes is not None:
             shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
@@ -163,6 +192,9 @@ class GridLines(AbstractPattern):
             (least * n_xi * norm(walled.eta) / positive)[1:-1],
             (least * n_eta * norm(walled.xi) / positive)[:, 1:-1],
         ]
+        if self.apart is not None:
+            # Eta lines end where they would come too near.
+            closeness.pop()
         inner = Tangents(*(tangent[1:-1, 1:-1] for tangent in walled))
         along_xi, along_eta = norm(inner.xi), norm(inner.eta)
         # Spans vary slowly: every second place will do.
@@ -184,9 +216,16 @@ class GridLines(AbstractPattern):
         pieces = [jnp.zeros(0)]
         for values in jax.tree.leaves(controls):
             axes = [values.ndim - 1] if values is controls.spacing else range(values.ndim)
+            around = 1
+            if controls.crowding is not None and values is controls.crowding[0]:
+                around = 0
             for axis in axes:
-                if values.shape[axis] > 2:
-                    pieces.append(jnp.diff(values, 2, axis=axis).ravel() / np.sqrt(values.size))
+                count = values.shape[axis]
+                if count > 2:
+                    # On a ring the first is the neighbour of the last.
+                    more = 2 if self.closed and axis == around else 0
+                    whole = jnp.take(values, np.arange(count + more) % count, axis)
+                    pieces.append(jnp.diff(whole, 2, axis=axis).ravel() / np.sqrt(values.size))
         return jnp.concatenate(pieces)
 
     def widths(self, realised: Realised) -> tuple[Array, Array]:
@@ -200,22 +239,57 @@ class GridLines(AbstractPattern):
             for family, comb in zip(FAMILIES, self.comb, strict=True)
         )
         traced = _trace(self, controls, xi, eta, points)
+        starts = np.zeros(len(eta), int)
+        if self.apart is not None:
+            starts = self._starts(np.asarray(_spacing(self, controls, eta, points)))
         made: dict[Scan, Lines] = {}
         for layer in self.stacking.scans:
             for scan in layer:
                 if scan not in made:
                     xy, width = map(np.asarray, traced[FAMILIES.index(scan.family)])
                     part = slice(scan.phase, None, scan.phases)
-                    level = np.arange(len(xy[part]))
+                    level, xy, width = np.arange(len(xy[part])), xy[part], width[part]
+                    if self.closed and scan.family == "xi":
+                        xy, width = self._around(controls, scan, xy, width)
+                    elif self.closed:
+                        level = self._levels(scan, len(level))
+                    begin = starts[part] if scan.family == "eta" else np.zeros(len(xy), int)
                     made[scan] = Lines(
                         scan.family,
                         scan.parity,
-                        level,
-                        list(xy[part]),
-                        list(width[part]),
+                        level[: len(xy)],
+                        [line[k:] for line, k in zip(xy, begin, strict=False)],
+                        [line[k:] for line, k in zip(width, begin, strict=False)],
                         press=PRESS,
                     )
             yield [made[scan] for scan in layer]
+
+    @staticmethod
+    def _levels(scan: Scan, count: int) -> np.ndarray:
+        """Levels of the lines across a ring: they begin elsewhere on each layer."""
+        return (np.arange(count) - scan.phase * count // scan.phases) % count
+
+    def _starts(self, spacing: np.ndarray) -> np.ndarray:
+        """The point at which each eta line of a disc starts, of all phases."""
+        starts = np.zeros(len(spacing), int)
+        for phase in range(self.stacking.phases):
+            part = slice(phase, None, self.stacking.phases)
+            level = self._levels(Scan("eta", phase, self.stacking.phases), len(spacing[part]))
+            starts[part] = porosity.first_kept(spacing[part], level)
+        return np.minimum(starts, spacing.shape[1] - 2)
+
+    def _around(
+        self, controls: Controls, scan: Scan, xy: np.ndarray, width: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A layer's closed lines, or its spiral: they begin elsewhere on each layer."""
+        pieces = width.shape[1]
+        turn = scan.phase * pieces // scan.phases
+        if self.spiral:
+            count = int(float(self.comb[0]) / scan.phases * pieces)
+            xy, width = map(np.asarray, _spiral(self, controls, turn, pieces + 1, count))
+            return xy[None], width[None]
+        xy = np.roll(xy[:, :-1], -turn, axis=1)
+        return np.concatenate([xy, xy[:, :1]], 1), np.roll(width, -turn, axis=1)
 
     @property
     def mean_by_count(self) -> bool:
@@ -226,7 +300,8 @@ class GridLines(AbstractPattern):
         if self.counts_fixed or laid <= 0:
             return self
         counts = [int(n) for n in self.comb]
-        more = int(np.argmax(counts))
+        # Eta lines of a disc are as many as can be halved.
+        more = int(np.argmax(counts)) if self.apart is None else 0
         share = laid / float(_volume(self))
 
         def model(extra: int) -> float:
@@ -313,7 +388,7 @@ def _trace(
     grid, width, _, _ = pattern.realise(controls)
     run = jnp.linspace(0, 1, points)
     _, along = tangents(grid, run[:, None], run[None])
-    edge = Margins.of(along, porosity.widest(width) / 2)
+    edge = Margins.of(along, porosity.widest(width) / 2, closed=pattern.closed)
 
     def traced(xi: Array, eta: Array) -> tuple[Array, Array]:
         middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
@@ -325,3 +400,32 @@ def _trace(
         traced(of_xi, jnp.broadcast_to(run, of_xi.shape)),
         traced(jnp.broadcast_to(run, of_eta.shape), of_eta),
     )
+
+
+@eqx.filter_jit
+def _spiral(
+    pattern: GridLines, controls: Controls, turn: int, points: int, count: int
+) -> tuple[Array, Array]:
+    """Points and widths of `xi = k / count`, k from 0 to `count`, `points` - 1 to a turn.
+
+    `turn`: of these, where it begins. As many turns as lines on a layer; the phases differ in where
+    it begins, so that together they lie as the closed lines do.
+    """
+    grid, width, _, _ = pattern.realise(controls)
+    run = jnp.linspace(0, 1, points)
+    _, along = tangents(grid, run[:, None], run[None])
+    edge = Margins.of(along, porosity.widest(width) / 2, closed=True)
+    at = (jnp.arange(count + 1) + turn) % (points - 1)
+    xi = jnp.arange(count + 1) / count
+    xi = xi + edge.left[at] - xi * (edge.left[at] + edge.right[at])
+    return grid(xi, run[at]), width((xi[1:] + xi[:-1]) / 2, (run[at[:-1]] + run[1]) / 2)
+
+
+@eqx.filter_jit
+def _spacing(pattern: GridLines, controls: Controls, eta: Array, points: int) -> Array:
+    """Of a layer's eta lines, as shares of `apart`, at the points traced of each."""
+    grid = pattern.realise(controls).grid
+    run = jnp.linspace(0, 1, points)
+    _, along = tangents(grid, run[:, None], eta[None])
+    spacing = along.jacobian / (pattern.lines_per_layer[1] * norm(along.xi))
+    return (spacing / pattern.apart).T

@@ -57,6 +57,14 @@ class _Strips:
     crossing: tuple[Floats, Floats]
     across: tuple[float, float]
 
+    def wanted(self, k: int, other: float, shares: tuple[float, ...], most: float) -> Floats:
+        """Lines a mm that family k is to bring to its strips beside `other` lines of the other.
+
+        `most`: lines a mm that those do not exceed.
+        """
+        brought = shares[1 - k] * np.minimum(other * self.crossing[k], most)
+        return (self.demand[k] - brought) / shares[k]
+
 
 @eqx.filter_jit
 def _lattice(sides: Sides) -> tuple[Any, Tangents]:
@@ -74,10 +82,14 @@ def begin(
     limits: Limits,
     lines: tuple[int, int] | None = None,
     window: float,
+    play: float = 0.15,
+    densest: float = np.inf,
 ) -> Start:
     """Line counts, road width and first spacings for a porosity `target(x, y)`.
 
     Turn-arounds are taken as spread over half a `window` (mm) from their wall.
+    `play`: share of its mean that a family keeps everywhere; the more, the more freely both can
+    crowd from place to place. `densest`: lines a mm that eta lines do not exceed, since some end.
     `width` and `lines` (a layer's, of each family) are kept where given. Otherwise the counts
     follow from the mean that the target asks, with cells as square as the least spacing and
     the longest span leave room for. Raises `InputError` when no count and width of
@@ -110,10 +122,11 @@ def begin(
     )
     least = limits.least_spacing or width
     span = limits.longest_span
-    counts = lines or _counts(strips, shares, least, span)
+    most = densest, np.inf
+    counts = lines or _counts(strips, shares, least, span, play, most)
     density = _both(
         lambda k: np.clip(
-            (strips.demand[k] - shares[1 - k] * counts[1 - k] * strips.crossing[k]) / shares[k],
+            strips.wanted(k, counts[1 - k], shares, most[k]),
             max(1 / span, 0.2 * counts[k] / strips.across[k]),
             1 / least,
         )
@@ -146,7 +159,12 @@ def _turnarounds(length: Floats, jacobian: Floats, axis: int, share: float, reac
 
 
 def _counts(
-    strips: _Strips, shares: tuple[float, ...], least: float, span: float
+    strips: _Strips,
+    shares: tuple[float, ...],
+    least: float,
+    span: float,
+    play: float,
+    most: tuple[float, float],
 ) -> tuple[float, float]:
     """Lines a layer of each family: the mean demand, cells near square, room for both families."""
     mean = [float(d.mean()) for d in strips.demand]
@@ -160,9 +178,9 @@ def _counts(
             continue
         cost = 0.02 * tilt**2
         for k, other in ((0, eta), (1, xi)):
-            own = (strips.demand[k] - shares[1 - k] * other * strips.crossing[k]) / shares[k]
+            own = strips.wanted(k, other, shares, most[k])
             # Room at both ends: these are means of strips, and the design needs some play.
-            floor = max(1.2 / span, 0.15 * own.mean(), 1 / strips.across[k])
+            floor = max(1.2 / span, play * own.mean(), 1 / strips.across[k])
             cost += max(1 - own.min() / floor, 0) ** 2 + 4 * max(own.max() * least - 0.97, 0) ** 2
         if cost < best:
             best, choice = cost, (float(xi), float(eta))

@@ -1,29 +1,36 @@
 """Lines of a map of the unit square: what a user says of them, and how they begin."""
 
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from shapely import Point, Polygon
 
 from fdjax.errors import InputError
-from fdjax.grid.base import Sides
+from fdjax.grid.base import AbstractGridMap, Sides
+from fdjax.grid.conformal import chart
 from fdjax.grid.continuation import Continuation
+from fdjax.grid.polar import Polar
 from fdjax.grid.solvers import SOR, AbstractSolver, Multigrid, Newton
 from fdjax.grid.spacing import fit_log_density
-from fdjax.keys import choice, choices, key, number, pair, whole
+from fdjax.keys import FLAG, choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
+from fdjax.part.annulus import ROUND, Annulus, Circle, between_circles
 from fdjax.part.part import Part
 from fdjax.part.patch import Patch, from_polygon
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
 from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
-from fdjax.pattern.maps import MAPS
+from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS
 from fdjax.pattern.width import free_of
+from fdjax.road.bead import section_area
 from fdjax.road.holes import Holes
-from fdjax.road.porosity import Samples, equal_edges, whole_lines
+from fdjax.road.porosity import KEPT, Samples, equal_edges, whole_lines
+from fdjax.road.stacking import Stacking
 from fdjax.target.target import Target
 
 SOLVERS: dict[str, AbstractSolver] = {
@@ -34,12 +41,38 @@ SOLVERS: dict[str, AbstractSolver] = {
 """The elliptic solvers by name."""
 
 _MAP_CONTROLS = {
-    "uniform": (),
+    "uniform": ("spacing", "spacing_field"),
     "stretched": ("stretching",),
     "two-boundary": ("spacing",),
-    "transfinite": ("spacing",),
-    "elliptic": ("spacing", "phi", "psi"),
+    "transfinite": ("spacing", "spacing_field"),
+    "elliptic": ("spacing", "spacing_field", "phi", "psi"),
+    "polar": ("spacing", "spacing_field"),
+    "conformal": ("spacing", "spacing_field"),
+    "o-transfinite": ("spacing", "spacing_field"),
+    "o-elliptic": ("spacing", "spacing_field", "phi", "psi"),
 }
+
+ALONG_AXES = ("uniform", "conformal", *CLOSED)
+"""Maps whose `spacing` is one along each axis, and not one along each side."""
+
+FIELD = (16, 24), (12, 5)
+"""Most coefficients of a spacing field along its lines' own axis, and across them: xi lines along
+xi at places of eta, eta lines along eta at places of xi."""
+
+PLAY = {"play": 0.45}
+"""What `begin` is asked for where lines are spaced by fields: room for both families."""
+
+INSIDE = 0.4
+"""Share of the material in the middle of a disc that eta lines bring; the rest xi lines do."""
+
+VERTICES = 64
+"""Most vertices of an outline that is mapped conformally."""
+
+CONFORMAL = 1e-6
+"""By what share of its size a conformal map may miss its vertices."""
+
+HALVED = 8
+"""The eta lines of a disc are a multiple of this, so that every second one can end three times."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +100,18 @@ class MapLines(AbstractSettings):
     )
     alpha: tuple[float, float] = key(
         pair(number(0, 0.5)),
-        "stretched: alpha of eq. (1); 0.5 draws lines to both ends, 0 to the last",
+        "stretched: alpha of eq. (1) and of tanh; 0.5 draws lines to both ends, 0 to the last",
         default=[0.5, 0.5],
+    )
+    stretching: tuple[str, str] = key(
+        pair(choice(*STRETCHINGS)),
+        "stretched: along x and y: eq. (1), a hyperbolic tangent, or steps that grow by one ratio",
+        default=["roberts", "roberts"],
+    )
+    strength: tuple[float, float] = key(
+        pair(number(-20, 20)),
+        "stretched: of tanh its delta, over 0; of geometric the logarithm of last to first step",
+        default=[1.5, 1.5],
     )
     phi: float = key(number(-1000, 1000), "elliptic: control along xi, unit square", default=0.0)
     psi: float = key(number(-1000, 1000), "elliptic: control along eta, unit square", default=0.0)
@@ -98,9 +141,14 @@ class MapLines(AbstractSettings):
         table="design",
     )  # fmt: skip
     controls: tuple[str, ...] = key(
-        choices("spacing", "stretching", "phi", "psi", "width", "width_field", least=0),
+        choices(
+            "spacing", "spacing_field", "stretching", "phi", "psi", "width", "width_field", least=0
+        ),
         "what the design may change; nothing with `[]`", default=["spacing"], table="design",
     )  # fmt: skip
+    spiral: bool = key(
+        FLAG, "rings: xi lines as one spiral on each layer, and not as circles", default=False
+    )
 
     def __post_init__(self) -> None:
         for name in ("phi", "psi"):
@@ -108,6 +156,9 @@ class MapLines(AbstractSettings):
                 raise InputError(f"give {name} or {name}_index, not both")
         if min(self.beta) <= 1:
             raise InputError("beta: both must be more than 1")
+        for name, strength in zip(self.stretching, self.strengths, strict=True):
+            if not strength > STRETCHINGS[name].least:
+                raise InputError(f"strength: of {name} it must be more than 0")
         if not set(self.alpha) <= {0.0, 0.5}:
             raise InputError("alpha: each must be 0 or 0.5")
         if self.map not in MAPS:
@@ -116,12 +167,30 @@ class MapLines(AbstractSettings):
             if not name.startswith("width") and name not in _MAP_CONTROLS[self.map]:
                 has = ", ".join((*_MAP_CONTROLS[self.map], "width", "width_field"))
                 raise InputError(f'controls: map "{self.map}" has no "{name}"; it has {has}')
-        if "width" in self.controls and "width_field" in self.controls:
-            raise InputError("controls: width and width_field exclude each other")
+        for name in ("width", "spacing"):
+            if name in self.controls and f"{name}_field" in self.controls:
+                raise InputError(f"controls: {name} and {name}_field exclude each other")
+        if self.spiral and self.map not in CLOSED:
+            raise InputError(f'spiral: map "{self.map}" has no closed lines')
+        if self.map in CLOSED and self.solver != "newton":
+            raise InputError(f'solver: map "{self.map}" is solved by "newton" only')
+
+    @property
+    def corrections(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Rays of a disc end where a plan has them, which its model knows roughly."""
+        return 2 if self.map == "polar" and self.controls else 0
 
     @property
     def cells_first(self) -> bool:
         return self.map == "elliptic"
+
+    @property
+    def strengths(self) -> tuple[float, float]:
+        """Of the stretchings along x and y: beta of eq. (1), `strength` of others."""
+        return _pair(
+            beta if name == "roberts" else strength
+            for name, beta, strength in zip(self.stretching, self.beta, self.strength, strict=True)
+        )
 
     @property
     def phi_psi(self) -> tuple[float, float]:
@@ -136,12 +205,15 @@ class MapLines(AbstractSettings):
         Raises `InputError` for a part of several regions, a target that varies along z, and one
         beyond what spacing and span allow.
         """
-        patch = _patch_of(part, target)
+        domain = self._domain(part, target)
         height = part.slabs[0].height
         stacking = self.stacking(len(part.slabs))
-        sides = Sides.of(patch)
+        play = PLAY if "spacing_field" in self.controls else {}
+        apart = self._apart(domain, target, stacking, height) if domain.disc else None
+        if apart is not None:
+            play = {**play, "densest": KEPT / apart}
         start = begin(
-            sides,
+            domain.sides,
             target,
             height=height,
             width=self.road_width,
@@ -149,55 +221,182 @@ class MapLines(AbstractSettings):
             limits=limits,
             lines=self.lines,
             window=window,
+            **play,
         )
-        first = self._first(start, patch, limits, window)
-        samples = _samples(first, start, patch, window)
+        if domain.disc and self.lines is None:
+            whole = HALVED * stacking.phases
+            rays = max(1, round(start.comb[1] / whole)) * whole
+            start = replace(start, comb=(start.comb[0], rays))
+        first = self._first(start, domain, limits, window)
+        samples = _samples(first, start, domain.lengths, window)
         phi, psi = self.phi_psi
         pattern = GridLines(
-            sides=sides,
+            sides=domain.sides,
             comb=comb_of(start.comb),
             width=start.width,
             width_range=limits.road_width,
             height=height,
             first=first,
             samples=samples,
-            holes=Holes.of(patch.outline, width=start.width, resolution=window / 8),
+            holes=Holes.of(domain.cut_out, width=start.width, resolution=window / 8),
             phi=phi,
             psi=psi,
             p=self.p,
             q=self.q,
-            beta=self.beta,
+            stretching=self.stretching,
+            strength=self.strengths,
             alpha=self.alpha,
             skew_limit=jnp.full([len(each.places) for each in samples], 0.9, jnp.float64),
             counts_fixed=self.lines is not None,
             kind=self.map,
             stacking=stacking,
             nodes=self.nodes,
-            solver=SOLVERS[self.solver],
+            solver=Continuation(Newton(closed=True)) if domain.closed else SOLVERS[self.solver],
+            base=domain.base,
+            apart=apart,
+            spiral=self.spiral,
         )
         # No more skewed than the grid that the outline itself gives.
         skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
         return eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
 
-    def _first(self, start: Start, patch: Patch, limits: Limits, window: float) -> Controls:
+    def _domain(self, part: Part, target: Target) -> "_Domain":
+        """What the map is of. Raises `InputError` for a part that it cannot be of."""
+        polygon = _polygon_of(part, target)
+        if self.map == "conformal":
+            return _conformal(part.patch or from_polygon(polygon))
+        if self.map not in CLOSED:
+            patch = part.patch or from_polygon(polygon)
+            return _Domain(Sides.of(patch), patch.outline)
+        if self.map == "polar":
+            return _polar(polygon, self.road_width)
+        annulus = Annulus.of(polygon, f'map "{self.map}"')
+        return _Domain(_sides_of(annulus), Polygon(polygon.exterior), closed=True)
+
+    def _apart(self, domain: "_Domain", target: Target, stacking: Stacking, height: float) -> float:
+        """How near eta lines come to each other in the middle of a disc, mm.
+
+        So that they bring `INSIDE` of the material that is asked there, or as near as roads can.
+        """
+        x, y = domain.sides.left.polyline()[:-1].mean(0)
+        solid = 1 - float(np.asarray(target(x, y)))
+        width = self.road_width
+        lines = KEPT * stacking.layer_share("eta") * float(section_area(width, height)) / height
+        return max(width, lines / (INSIDE * max(solid, 1e-6)))
+
+    def _first(self, start: Start, domain: "_Domain", limits: Limits, window: float) -> Controls:
         """The controls to start from; those not asked for are None."""
         controls, knots = self.controls, self.knots
         if knots is None:
             # As many as windows can tell apart and, where a solver has to follow, its nodes.
-            knots = int(np.ceil(max(_lengths(patch)) / (0.75 * window))) + 3
+            knots = int(np.ceil(max(domain.lengths) / (0.75 * window))) + 3
             most = max(8, min(self.nodes) // 2) if self.map == "elliptic" else 32
             knots = int(np.clip(knots, 8, most))
         along_xi, along_eta = (jnp.asarray(fit_log_density(d, knots)) for d in start.density)
         width = free_of(start.width, *limits.road_width)
         widths = {"width": jnp.asarray(width), "width_field": jnp.full(self.field_knots, width)}
         wanted = {name: widths[name] for name in controls if name in widths}
+        on_axes = self.map in ALONG_AXES
+        on_sides = "spacing" in controls and not on_axes
+        in_field = "spacing_field" in controls or ("spacing" in controls and on_axes)
         return Controls(
-            spacing=jnp.stack([along_xi, along_eta] * 2) if "spacing" in controls else None,
-            stretching=(jnp.log(jnp.asarray(self.beta) - 1) if "stretching" in controls else None),
+            spacing=jnp.stack([along_xi, along_eta] * 2) if on_sides else None,
+            crowding=self._crowding(start, domain, window) if in_field else None,
+            stretching=self._free_stretching() if "stretching" in controls else None,
             phi=jnp.zeros(self.field_knots) if "phi" in controls else None,
             psi=jnp.zeros(self.field_knots) if "psi" in controls else None,
             width=next(iter(wanted.values()), None),
         )
+
+    def _free_stretching(self) -> Any:
+        each = zip(self.stretching, self.strengths, strict=True)
+        return jnp.asarray([STRETCHINGS[name].free(strength) for name, strength in each])
+
+    def _crowding(self, start: Start, domain: "_Domain", window: float) -> tuple[Any, Any]:
+        """Log densities of both families: along their own axis, and, as a field, across it."""
+        found = []
+        for k, (most, rows) in enumerate(zip(*FIELD, strict=True)):
+            closed = domain.closed and k == 1
+            wanted = int(np.ceil(domain.lengths[k] / (0.75 * window))) + 3
+            own = fit_log_density(
+                start.density[k], self.knots or int(np.clip(wanted, 8, most)), closed=closed
+            )
+            rows = rows if "spacing_field" in self.controls else 1
+            found.append(jnp.asarray(np.tile(own - own.mean(), (rows, 1))))
+        return found[0], found[1]
+
+
+@dataclass(frozen=True, eq=False)
+class _Domain:
+    """What a map is of.
+
+    - `sides`: on a ring `left` and `right` are closed, `bottom` and `top` both the cut.
+    - `cut_out`: a polygon whose holes are cut out of the lines.
+    - `closed`, `disc`, `base`: as of `GridLines`.
+    """
+
+    sides: Sides
+    cut_out: Polygon
+    closed: bool = False
+    disc: bool = False
+    base: AbstractGridMap | None = None
+
+    @cached_property
+    def lengths(self) -> tuple[float, float]:
+        """Length of the longer of bottom and top, and of left and right, mm."""
+
+        def length(side: Any) -> float:
+            return float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
+
+        sides = self.sides
+        return max(map(length, (sides.bottom, sides.top))), max(
+            map(length, (sides.left, sides.right))
+        )
+
+
+def _sides_of(annulus: Annulus) -> Sides:
+    return Sides(annulus.cut, annulus.outline, annulus.cut, annulus.hole)
+
+
+def _conformal(patch: Patch) -> _Domain:
+    """The conformal map of a polygon, its parameter problem solved."""
+    sides = (patch.bottom, patch.right, patch.top.reversed(), patch.left.reversed())
+    runs = [side.polyline()[:-1] for side in sides]
+    vertices = np.concatenate(runs)
+    if len(vertices) > VERTICES:
+        raise InputError(
+            f'part: its outline has {len(vertices)} vertices; map "conformal" takes at most '
+            f'{VERTICES}: give fewer, or use map "elliptic"'
+        )
+    first = np.cumsum([0, *map(len, runs)]).tolist()
+    base, error = chart(vertices, (first[0], first[1], first[2], first[3]))
+    if not error < CONFORMAL:
+        raise InputError(
+            f"part: the conformal map of its outline is wrong by {error:.1g} of its size: it is "
+            'too long or too thin for one; use map "elliptic" or pattern kind "isolines"'
+        )
+    return _Domain(base.sides, patch.outline, base=base)
+
+
+def _polar(polygon: Polygon, width: float) -> _Domain:
+    """A disc or a ring between two circles; other holes of a disc are cut out."""
+    need = 'map "polar" needs a disc, or a ring between two circles about one centre'
+    outer = Circle.of(polygon.exterior)
+    if outer is None:
+        raise InputError(f'part: its outline is no circle; {need}; "o-elliptic" takes any ring')
+    holes = list(polygon.interiors)
+    about = [k for k, hole in enumerate(holes) if Polygon(hole).contains(Point(outer.centre))]
+    inner = Circle(outer.centre, width / 2)
+    if about:
+        (k,) = about
+        found = Circle.of(holes.pop(k))
+        if found is None or np.hypot(*(found.centre - outer.centre)) > ROUND * outer.radius:
+            raise InputError(f"part: its hole is no circle about its centre; {need}")
+        inner = Circle(outer.centre, found.radius)
+    base = Polar(jnp.asarray(outer.centre), inner.radius, outer.radius)
+    sides = _sides_of(between_circles(inner, outer))
+    cut_out = Polygon(polygon.exterior, holes)
+    return _Domain(sides, cut_out, closed=True, disc=not about, base=base)
 
 
 @eqx.filter_jit
@@ -205,8 +404,8 @@ def _skew(pattern: GridLines) -> Any:
     return pattern.skew(pattern.realise(pattern.first))
 
 
-def _patch_of(part: Part, target: Target) -> Patch:
-    """The four sides of the part's one region."""
+def _polygon_of(part: Part, target: Target) -> Polygon:
+    """The part's one region."""
     need = 'lines of a map need four sides on all layers; use pattern kind "isolines"'
     if target.varies_in_z:
         raise InputError(f"target: varies along z; {need}")
@@ -214,25 +413,24 @@ def _patch_of(part: Part, target: Target) -> Patch:
     polygon, *more = part.slabs[0].region.polygons
     if len(part.regions) > 1 or len(heights) > 1 or more:
         raise InputError(f"part: its layers differ, or hold several polygons; {need}")
-    return part.patch or from_polygon(polygon)
+    return polygon
 
 
-def _lengths(patch: Patch) -> tuple[float, float]:
-    """Length of the longer of bottom and top, and of left and right, mm."""
-
-    def length(side: Any) -> float:
-        return float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
-
-    return max(map(length, (patch.bottom, patch.top))), max(map(length, (patch.left, patch.right)))
+def _pair(values: Iterable[float]) -> tuple[float, float]:
+    first, second = values
+    return first, second
 
 
-def _samples(first: Controls, start: Start, patch: Patch, window: float) -> tuple[Samples, Samples]:
+def _samples(
+    first: Controls, start: Start, lengths: tuple[float, float], window: float
+) -> tuple[Samples, Samples]:
     """Samples about a fifth of a window apart, where the design starts."""
+    spaced = first.spacing is not None or first.crowding is not None
     samples = []
-    for length, density, comb in zip(_lengths(patch), start.density, start.comb, strict=True):
+    for length, density, comb in zip(lengths, start.density, start.comb, strict=True):
         count = int(np.clip(np.ceil(5 * length / window), 16, 160))
         lines = np.cumsum(density) - (density + density[0]) / 2
-        share = lines / lines[-1] if first.spacing is not None else np.linspace(0, 1, len(lines))
+        share = lines / lines[-1] if spaced else np.linspace(0, 1, len(lines))
         edges = whole_lines(equal_edges(partial(_place, share), count), comb)
         # Where lines are further apart than that, samples between them too.
         pieces = 2 * int(count / len(edges) / 2 + 0.25) + 1

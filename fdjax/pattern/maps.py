@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,14 @@ from fdjax.grid import bspline
 from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.elliptic import Elliptic
-from fdjax.grid.spacing import DensitySpacing, RobertsSpacing
+from fdjax.grid.respaced import Respaced, SpacingField
+from fdjax.grid.spacing import (
+    AbstractSpacing,
+    DensitySpacing,
+    GeometricSpacing,
+    RobertsSpacing,
+    TanhSpacing,
+)
 
 if TYPE_CHECKING:
     from fdjax.pattern.grid_lines import Controls, GridLines
@@ -37,15 +45,45 @@ _MADE = jnp.asarray(True)
 _Map = tuple[AbstractGridMap, Bool[Array, ""]]
 
 
+class Stretching(NamedTuple):
+    """A spacing with one number, its strength.
+
+    - `of`: from the strength and alpha; `free`: a strength as any real number, an optimiser's;
+      `strength`: back again, on JAX arrays. `least`: strengths lie above.
+    """
+
+    of: Callable[[Any, float], AbstractSpacing]
+    free: Callable[[float], float]
+    strength: Callable[[Any], Any]
+    least: float
+
+
+STRETCHINGS = {
+    "roberts": Stretching(
+        RobertsSpacing, lambda beta: math.log(beta - 1), lambda free: 1 + jnp.exp(free), 1.0
+    ),
+    "tanh": Stretching(TanhSpacing, math.log, jnp.exp, 0.0),
+    "geometric": Stretching(
+        lambda growth, _: GeometricSpacing(growth),
+        lambda growth: growth,
+        lambda free: free,
+        -math.inf,
+    ),
+}
+"""Stretchings by name: eq. (1), and others of the same interface."""
+
+
 def _uniform(pattern: GridLines, controls: Controls) -> _Map:
-    return Cartesian(*_box(pattern.sides)), _MADE
+    return _respaced(pattern, controls, Cartesian(*_box(pattern.sides))), _MADE
 
 
 def _stretched(pattern: GridLines, controls: Controls) -> _Map:
-    beta = jnp.asarray(pattern.beta)
-    if controls.stretching is not None:
-        beta = 1 + jnp.exp(controls.stretching)
-    along = [RobertsSpacing(b, a) for b, a in zip(beta, pattern.alpha, strict=True)]
+    along = []
+    for k, name in enumerate(pattern.stretching):
+        kind, strength = STRETCHINGS[name], jnp.asarray(pattern.strength[k])
+        if controls.stretching is not None:
+            strength = kind.strength(controls.stretching[k])
+        along.append(kind.of(strength, pattern.alpha[k]))
     return Cartesian(*_box(pattern.sides), *along), _MADE
 
 
@@ -55,17 +93,18 @@ def _two_boundary(pattern: GridLines, controls: Controls) -> _Map:
     return TwoBoundary(sides.bottom, sides.top, spacings.bottom, spacings.top, spacings.left), _MADE
 
 
-def _transfinite(pattern: GridLines, controls: Controls) -> _Map:
-    return Transfinite(pattern.sides, _spacings(controls)), _MADE
-
-
 def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
     """The elliptic grid of a pattern at these controls, not solved yet."""
     ni, nj = pattern.nodes
+    closed = pattern.solver.closed
     xi, eta = jnp.linspace(0, 1, ni)[1:-1, None], jnp.linspace(0, 1, nj)[None, 1:-1]
+    if closed:
+        eta = jnp.linspace(0, 1, nj + 1)[None, :-1]
 
     def control(constant: float, spline: Array | None) -> Array | float:
-        return constant if spline is None else constant + bspline.field(spline, xi, eta)
+        if spline is None:
+            return constant
+        return constant + bspline.field(bspline.closed(spline, 1) if closed else spline, xi, eta)
 
     return Elliptic(
         pattern.sides,
@@ -82,7 +121,37 @@ def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
 
 def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
     grid, report = elliptic(pattern, controls).map()
-    return grid, report.converged & ~report.folded
+    return _respaced(pattern, controls, grid), report.converged & ~report.folded
+
+
+def _respaced(pattern: GridLines, controls: Controls, base: AbstractGridMap) -> AbstractGridMap:
+    """A map with its lines as dense as the controls have them."""
+    if controls.crowding is None:
+        return Respaced(base, closed=True) if pattern.closed else base
+    of_xi, of_eta = controls.crowding
+    of_eta = bspline.closed(of_eta, 1) if pattern.closed else of_eta
+    rows_xi, rows_eta = (jax.vmap(DensitySpacing.of)(each) for each in (of_xi, of_eta))
+    return Respaced(
+        base,
+        SpacingField(rows_xi, closed_across=pattern.closed),
+        SpacingField(rows_eta, closed_along=pattern.closed),
+        pattern.closed,
+    )
+
+
+def _transfinite(pattern: GridLines, controls: Controls) -> _Map:
+    grid = Transfinite(pattern.sides, _spacings(controls))
+    return _respaced(pattern, controls, grid), _MADE
+
+
+def _of_base(pattern: GridLines, controls: Controls) -> _Map:
+    assert pattern.base is not None
+    return _respaced(pattern, controls, pattern.base), _MADE
+
+
+def _o_transfinite(pattern: GridLines, controls: Controls) -> _Map:
+    # Between a straight cut and itself it is interpolation between the two other sides.
+    return _respaced(pattern, controls, Transfinite(pattern.sides)), _MADE
 
 
 MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
@@ -91,5 +160,15 @@ MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
     "two-boundary": _two_boundary,
     "transfinite": _transfinite,
     "elliptic": _elliptic,
+    "polar": _of_base,
+    "conformal": _of_base,
+    "o-transfinite": _o_transfinite,
+    "o-elliptic": _elliptic,
 }
 """The grid maps by name: a new one is one function here."""
+
+NEED_BASE = ("polar", "conformal")
+"""Those that are given, and do not follow from four sides."""
+
+CLOSED = ("polar", "o-transfinite", "o-elliptic")
+"""Those that are rings along eta: lines of constant xi are closed, and go around a hole."""

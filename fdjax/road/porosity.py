@@ -107,15 +107,18 @@ class Margins(NamedTuple):
     top: Float[Array, " n"]
 
     @classmethod
-    def of(cls, walls: Tangents, clearance: Float[Array, ""] | float) -> "Margins":
+    def of(
+        cls, walls: Tangents, clearance: Float[Array, ""] | float, *, closed: bool = False
+    ) -> "Margins":
         """From the tangents on a lattice (n, m) whose outer lines are the walls.
 
         To first order: clearance times |r_eta| / J at the walls of constant xi, |r_xi| / J at the
-        others, so that distances are taken square to the wall.
+        others, so that distances are taken square to the wall. `closed`: the others are none, but
+        the cut of a ring.
         """
         xi = clearance * norm(walls.eta[jnp.array([0, -1])]) / walls.jacobian[jnp.array([0, -1])]
         eta = clearance * norm(walls.xi[:, jnp.array([0, -1])])
-        eta = eta / walls.jacobian[:, jnp.array([0, -1])]
+        eta = jnp.zeros_like(eta) if closed else eta / walls.jacobian[:, jnp.array([0, -1])]
         return cls(xi[0], xi[1], eta[:, 0], eta[:, 1])
 
     def shift_xi(self, u: Float[Array, " n"]) -> Float[Array, "n m"]:
@@ -133,12 +136,19 @@ def line_deposit(
     height: float,
     lines: tuple[Float[Array, ""], Float[Array, ""]],
     stacking: Stacking,
+    *,
+    closed: bool = False,
+    least_spacing: Float[Array, ""] | float | None = None,
 ) -> LayerDeposit:
     """Where the families of grid lines put their material, turn-arounds included.
 
     - `width`: road width in mm as a function of (xi, eta).
     - `lines`: lines of each family on a layer that has it; need not be whole numbers, since with
       several phases the layers differ.
+    - `closed`: whether the map is a ring along eta: there are no walls at its cut, lines of
+      constant xi are closed and have no turn-arounds.
+    - `least_spacing`: of the eta lines of a disc, mm, which end early towards its middle, and turn
+      around at its rim alone; see `kept`. None: all run from wall to wall.
 
     Lines keep half a road from the walls: the lattice is squeezed by that much, to first order.
     Between two lines the path runs along one wall or the other in turn, so over the layers half
@@ -146,18 +156,29 @@ def line_deposit(
     the integers.
     """
     xi, eta, along = lattice.xi, lattice.eta, lattice.along
-    edge = Margins.of(along, widest(width) / 2)
+    edge = Margins.of(along, widest(width) / 2, closed=closed)
     shift_xi, shift_eta = edge.shift_xi(xi.places), edge.shift_eta(eta.places)
     xy = lattice.xy + along.xi * shift_xi[..., None] + along.eta * shift_eta[..., None]
     area = section_area(width(xi.places[:, None] + shift_xi, eta.places + shift_eta), height)
     # Centre line on the mean layer along eta and along xi: the lines of a family, and on the walls
     # the turn-arounds of the other one.
     share = [stacking.layer_share(family) for family in FAMILIES]
-    turns_along_eta = share[1] * _covered(eta.places, lines[1])
-    turns_along_xi = share[0] * _covered(xi.places, lines[0])
+    if closed:
+        # Where the lines begin moves around from layer to layer; one gap has no turn.
+        turns_along_eta = share[1] * jnp.full(len(eta.places), (1 - 1 / lines[1]) / 2)
+        turns_along_xi = jnp.zeros(len(xi.places))
+    else:
+        turns_along_eta = share[1] * _covered(eta.places, lines[1])
+        turns_along_xi = share[0] * _covered(xi.places, lines[0])
     walls_xi, walls_eta = _walls(xi.places), _walls(eta.places)
-    run_along_eta = share[0] * lines[0] * xi.lines[:, None] + walls_xi[:, None] * turns_along_eta
-    run_along_xi = share[1] * lines[1] * eta.lines + walls_eta * turns_along_xi[:, None]
+    run_along_eta = share[0] * lines[0] * xi.lines[:, None]
+    run_along_xi = share[1] * lines[1] * eta.lines
+    if least_spacing is not None:
+        walls_xi[0] = 0.0
+        spacing = along.jacobian / (lines[1] * norm(along.xi))
+        run_along_xi = run_along_xi * kept(spacing / least_spacing)
+    run_along_eta = run_along_eta + walls_xi[:, None] * turns_along_eta
+    run_along_xi = run_along_xi + walls_eta * turns_along_xi[:, None]
     along_eta = norm(along.eta) * (1 - edge.bottom - edge.top)[:, None] * eta.weights
     along_xi = norm(along.xi) * (1 - edge.left - edge.right) * xi.weights[:, None]
     volume = area * (run_along_eta * along_eta + run_along_xi * along_xi)
@@ -172,6 +193,44 @@ def _walls(places: Float[Array, " n"]) -> np.ndarray:
 def _covered(places: Float[Array, " n"], lines: Float[Array, ""]) -> Float[Array, " n"]:
     """Share of the layers on which the path turns along the wall at these places."""
     return jnp.minimum(jnp.minimum(places, 1 - places) * lines, 1) / 2
+
+
+HALVINGS = 8
+"""So often at most the number of lines is halved."""
+
+_EDGE = 0.4
+"""Share of a spacing over which an end is smeared in design."""
+
+
+def kept(spacing: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Share of the lines that are kept where all would be `spacing` least spacings apart.
+
+    Half of them where that is below 1, a quarter below 1/2 and so on, as `first_kept` ends them;
+    each step smeared, so that it can be differentiated.
+    """
+    powers = 2.0 ** np.arange(HALVINGS)
+    clear = jnp.clip((spacing[..., None] * powers - 1) / _EDGE + 0.5, 0.0, 1.0)
+    return (clear / (2 * powers)).sum(-1) + 0.5 / powers[-1]
+
+
+KEPT = 0.72
+"""Mean of `kept` times spacing where lines end by halves: density of those, in least spacings."""
+
+
+def first_kept(spacing: np.ndarray, level: np.ndarray) -> np.ndarray:
+    """Of lines side by side, the point from which on each keeps its distance from the others.
+
+    - `spacing`: of all of them, in least spacings, at the points of each, shape (lines, points).
+    - `level`: of each line. One whose level can be halved h times has neighbours 2^h apart once
+      the others have ended.
+
+    >>> first_kept(np.array([[0.3, 0.6, 1.2]] * 4), np.arange(4)).tolist()
+    [0, 2, 1, 2]
+    """
+    halved = np.sum(level[:, None] % 2 ** np.arange(1, HALVINGS + 1) == 0, axis=1)
+    crowded = (spacing * 2.0 ** halved[:, None] < 1) & (halved < HALVINGS)[:, None]
+    count = spacing.shape[1]
+    return np.where(crowded.any(1), count - np.argmax(crowded[:, ::-1], axis=1), 0)
 
 
 def widest(width: Callable[[Array, Array], Array]) -> Float[Array, ""]:

@@ -1,13 +1,21 @@
 """Spacings: maps of [0, 1] onto itself, their closed forms and their derivatives."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from grid_samples import evaluate, quick_jit
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdjax.grid.spacing import DensitySpacing, RobertsSpacing, UniformSpacing, fit_log_density
+from fdjax.grid.spacing import (
+    DensitySpacing,
+    GeometricSpacing,
+    RobertsSpacing,
+    TanhSpacing,
+    UniformSpacing,
+    fit_log_density,
+)
 
 T = np.linspace(0, 1, 201)
 logs = st.lists(st.floats(-2.5, 2.5), min_size=8, max_size=8)
@@ -122,3 +130,33 @@ def test_derivatives_of_density_spacing_match_differences():
     ahead, behind = (by_density(log_density + step * direction, T) for step in (1e-5, -1e-5))
     np.testing.assert_allclose(forward, (ahead - behind) / 2e-5, atol=1e-9)
     assert reverse @ direction == pytest.approx(float(weights @ forward), rel=1e-12)
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.5])
+def test_tanh_is_eq_1_by_another_number(alpha):
+    t = jnp.linspace(0, 1, 41)
+    own = evaluate(TanhSpacing(jnp.arctanh(1 / 1.2), alpha), t)
+    np.testing.assert_allclose(own, evaluate(RobertsSpacing(jnp.asarray(1.2), alpha), t))
+    np.testing.assert_allclose(evaluate(TanhSpacing(jnp.asarray(1e-4), alpha), t), t, atol=1e-8)
+
+
+@pytest.mark.parametrize("growth", [-3.0, -1e-7, 0.0, 1e-7, 1e-5, 2.0])
+def test_steps_of_a_geometric_spacing_grow_by_one_ratio(growth):
+    s = np.asarray(evaluate(GeometricSpacing(jnp.asarray(growth)), jnp.linspace(0, 1, 11)))
+    assert s[[0, -1]] == pytest.approx([0, 1], abs=1e-15)
+    steps = np.diff(s)
+    np.testing.assert_allclose(steps[1:] / steps[:-1], np.exp(growth / 10), rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [TanhSpacing, GeometricSpacing])
+def test_stretchings_are_derived_in_their_strength(kind):
+    t = jnp.linspace(0, 1, 9)
+    for strength in (0.7, 2.0):
+        slope = jax.jacfwd(lambda each: kind(each)(t))(jnp.asarray(strength))
+        ahead, behind = (kind(jnp.asarray(strength + step))(t) for step in (1e-6, -1e-6))
+        np.testing.assert_allclose(slope, (ahead - behind) / 2e-6, atol=1e-9)
+
+
+def test_a_geometric_spacing_is_derived_where_it_is_even():
+    slope = jax.grad(lambda growth: GeometricSpacing(growth)(jnp.asarray(0.25)))(0.0)
+    assert float(slope) == pytest.approx(-0.25 * 0.75 / 2)

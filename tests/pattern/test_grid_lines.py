@@ -14,7 +14,7 @@ from fdjax.grid.base import Sides
 from fdjax.limits import Limits
 from fdjax.part.patch import cosine_top, from_polygon, rectangle
 from fdjax.pattern.grid_lines import Controls, GridLines
-from fdjax.pattern.maps import MAPS
+from fdjax.pattern.maps import CLOSED, MAPS
 from fdjax.road.porosity import Samples
 from fdjax.road.stacking import Stacking
 
@@ -88,7 +88,7 @@ def test_a_width_control_lies_within_the_range():
     assert float(realised.width(jnp.zeros(1), jnp.zeros(1))[0]) == pytest.approx(0.55)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in MAPS if kind != "stretched"])
+@pytest.mark.parametrize("kind", [kind for kind in MAPS if kind not in ("stretched", *CLOSED)])
 def test_every_map_fills_the_plate(kind):
     pattern = plan(kind)
     corners = jax.jit(
@@ -99,7 +99,7 @@ def test_every_map_fills_the_plate(kind):
 
 @pytest.mark.parametrize("alpha", [0.0, 0.5])
 def test_the_stretched_map_draws_lines_to_its_ends(alpha):
-    grid = plan("stretched", alpha=(alpha, 0.5), beta=(1.05, 1e6)).realise(Controls()).grid
+    grid = plan("stretched", alpha=(alpha, 0.5), strength=(1.05, 1e6)).realise(Controls()).grid
     x = np.asarray(grid(jnp.linspace(0, 1, 11), jnp.full(11, 0.5)))[:, 0]
     steps = np.diff(x)
     assert x[[0, -1]] == pytest.approx([0, 40])
@@ -111,7 +111,7 @@ def test_the_stretched_map_draws_lines_to_its_ends(alpha):
 
 def test_the_control_of_stretching_takes_the_place_of_beta():
     control = Controls(stretching=jnp.log(jnp.array([0.05, 0.2])))
-    own = plan("stretched", beta=(1.05, 1.2)).realise(Controls()).grid
+    own = plan("stretched", strength=(1.05, 1.2)).realise(Controls()).grid
     freed = plan("stretched").realise(control).grid
     places = jnp.linspace(0, 1, 5)
     np.testing.assert_allclose(freed(places, places), own(places, places))

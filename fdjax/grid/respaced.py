@@ -1,0 +1,80 @@
+"""A map whose lines are spaced anew: along each axis, and otherwise from line to line."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from fdjax.grid import bspline
+from fdjax.grid.base import AbstractGridMap
+from fdjax.grid.spacing import AbstractSpacing, UniformSpacing
+
+_MEAN = 64
+
+
+class SpacingField(eqx.Module):
+    """A spacing along one axis of the unit square that changes along the other one.
+
+    `s(t, a) = sum_k N_k(a) s_k(t)`: monotone spacings s_k, weighed by cubic B-splines, which are
+    positive and add up to 1, so that s rises with t from 0 to 1 wherever along the other axis.
+
+    - `rows`: one spacing whose arrays have a leading axis of their own, the rows.
+    - `closed_along`: t runs around a ring, and so may s: of each s_k the mean of `s_k(t) - t` is
+      taken off, so that no place of the ring is held, and s goes on beyond [0, 1].
+    - `closed_across`: the other axis does.
+
+    Differentiable in the spacings and in both places.
+    """
+
+    rows: AbstractSpacing
+    closed_along: bool = eqx.field(static=True, default=False)
+    closed_across: bool = eqx.field(static=True, default=False)
+
+    def __call__(self, t: Float[Array, "..."], across: Float[Array, "..."]) -> Float[Array, "..."]:
+        """s at t and at places `across`, which broadcast against each other."""
+        count = len(jax.tree.leaves(self.rows)[0])
+        values = self._values(t)
+        if count == 1:
+            return jnp.broadcast_to(values[0], jnp.broadcast_shapes(t.shape, across.shape))
+        weights = self._weights(across.ravel(), count)
+        if t.ndim == across.ndim == 2 and sorted(t.shape + across.shape)[:2] == [1, 1]:
+            # A lattice: one product of matrices.
+            found = values.reshape(count, -1).T @ weights.T
+            return found if t.shape[1] == 1 else found.T
+        weights = weights.T.reshape(count, *across.shape)
+        return (values * weights).sum(0)
+
+    def _values(self, t: Float[Array, "..."]) -> Float[Array, "rows ..."]:
+        values = jax.vmap(lambda row: row(t))(self.rows)
+        if not self.closed_along:
+            return values
+        places = jnp.asarray(np.arange(_MEAN) / _MEAN)
+        mean = jax.vmap(lambda row: (row(places) - places).mean())(self.rows)
+        return values - mean.reshape(-1, *[1] * t.ndim)
+
+    def _weights(self, across: Float[Array, " n"], count: int) -> Float[Array, "n rows"]:
+        if not self.closed_across:
+            return bspline.dense(across, count)
+        return bspline.dense(across, count + 3) @ bspline.closed(jnp.eye(count), 0)
+
+
+class Respaced(AbstractGridMap):
+    """A map over another one: `r(xi, eta) = base(u(xi, eta), v(eta, xi))`.
+
+    Where lines of the base map lie, and how they cross, does not change along its walls; where
+    between them they are drawn does. Bends neither wall, and folds only where u and v together do.
+
+    - `base`: a map; `u`, `v`: spacing fields along xi and along eta, or a spacing.
+    - `closed`: whether the base map is a ring along eta.
+    """
+
+    base: AbstractGridMap
+    u: SpacingField | AbstractSpacing = UniformSpacing()
+    v: SpacingField | AbstractSpacing = UniformSpacing()
+    closed: bool = eqx.field(static=True, default=False)
+
+    def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
+        u = self.u(xi, eta) if isinstance(self.u, SpacingField) else self.u(xi)
+        v = self.v(eta, xi) if isinstance(self.v, SpacingField) else self.v(eta)
+        return self.base(u, v - jnp.floor(v) if self.closed else v)
