@@ -54,8 +54,14 @@ class Prevertices(NamedTuple):
     @property
     def modulus(self) -> Float[Array, ""]:
         """Height over width of the rectangle, `K'(k) / (2 K(k))` with `k = tan(psi / 2)^2`."""
+        k, other = self.moduli
+        return _quarter(other, k) / (2 * _quarter(k, other))
+
+    @property
+    def moduli(self) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """k and sqrt(1 - k^2), neither of them by a difference of near numbers."""
         k = jnp.tan(self.psi / 2) ** 2
-        return _quarter(jnp.sqrt(1 - k**2)) / (2 * _quarter(k))
+        return k, jnp.sqrt(jnp.cos(self.psi) * (1 + k)) / jnp.cos(self.psi / 2)
 
 
 def solve(vertices: Float[Array, "n 2"], corners: tuple[int, int, int, int]) -> Prevertices:
@@ -169,10 +175,9 @@ def _to_disc(
 ) -> Complex[Array, "..."]:
     """The disc's points of places in the unit square."""
     xi, eta = jnp.broadcast_arrays(xi, eta)
-    k = jnp.tan(found.psi / 2) ** 2
-    other = jnp.sqrt(1 - k**2)
-    s, c, d = _jacobi((2 * xi - 1) * _quarter(k), k)
-    s1, c1, d1 = _jacobi(eta * _quarter(other), other)
+    k, other = found.moduli
+    s, c, d = _jacobi((2 * xi - 1) * _quarter(k, other), k, other)
+    s1, c1, d1 = _jacobi(eta * _quarter(other, k), other, k)
     # sn of a complex argument, as a fraction whose denominator may vanish.
     above, below = s * d1 + 1j * c * d * s1 * c1, c1**2 + (k * s * s1) ** 2
     q = 1j / jnp.tan(found.psi / 2)
@@ -193,9 +198,9 @@ def _angle_at(found: Prevertices, t: Float[Array, " n"], side: np.ndarray) -> Fl
 _LANDEN = 8
 
 
-def _means(k: Array) -> list[tuple[Array, Array]]:
+def _means(k: Array, other: Array) -> list[tuple[Array, Array]]:
     """Arithmetic-geometric means from 1 and sqrt(1 - k^2), with half their differences."""
-    a, b, c = jnp.ones_like(k), jnp.sqrt(1 - k**2), k
+    a, b, c = jnp.ones_like(k), other, k
     found = [(a, c)]
     for _ in range(_LANDEN):
         a, b, c = (a + b) / 2, jnp.sqrt(a * b), (a - b) / 2
@@ -203,19 +208,19 @@ def _means(k: Array) -> list[tuple[Array, Array]]:
     return found
 
 
-def _quarter(k: Array) -> Array:
-    """K(k), the complete elliptic integral of the first kind."""
-    return np.pi / 2 / _means(k)[-1][0]
+def _quarter(k: Array, other: Array) -> Array:
+    """K(k), the complete elliptic integral of the first kind; `other` is sqrt(1 - k^2)."""
+    return np.pi / 2 / _means(k, other)[-1][0]
 
 
-def _jacobi(u: Array, k: Array) -> tuple[Array, Array, Array]:
-    """sn, cn and dn of real u (Abramowitz and Stegun 16.4)."""
-    means = _means(k)
+def _jacobi(u: Array, k: Array, other: Array) -> tuple[Array, Array, Array]:
+    """sn, cn and dn of real u and modulus k (Abramowitz and Stegun 16.4)."""
+    means = _means(k, other)
     phi = 2.0**_LANDEN * means[-1][0] * u
     for a, c in means[:0:-1]:
         phi = (phi + jnp.arcsin(jnp.clip(c / a * jnp.sin(phi), -1, 1))) / 2
-    s = jnp.sin(phi)
-    return s, jnp.cos(phi), jnp.sqrt(1 - (k * s) ** 2)
+    s, c = jnp.sin(phi), jnp.cos(phi)
+    return s, c, jnp.sqrt(c**2 + (other * s) ** 2)
 
 
 CHART = 65
@@ -257,6 +262,10 @@ def _solved(
     found = solve(vertices, corners)
     places = jnp.linspace(0, 1, CHART)
     nodes = rectangle_map(found, places[:, None], places[None])
+    # A corner is where rounding in the disc would be magnified most.
+    ends = np.array([0, -1, -1, 0]), np.array([0, 0, -1, -1])
+    corner = found.vertices[found.corners]
+    nodes = nodes.at[ends].set(jnp.stack([corner.real, corner.imag], -1))
     # By halving, along the side as it runs.
     count = len(vertices)
     at = [(c - corners[0]) % count for c in corners]
