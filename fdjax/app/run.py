@@ -151,7 +151,7 @@ def _plan(job: Job, result: Design, machine: Machine) -> Build:
 
 def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
     """The plan with the volume that is asked, by the sections of its roads: as much as that takes
-    where their width is free, else only where nobody could measure it and the machine lays it.
+    where their width is free, else only up to `FAINT` and where the machine lays it.
     """
     if not plan.volume > 0:
         return plan
@@ -165,7 +165,7 @@ def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
 
 
 FAINT = 0.01
-"""Share of a road's section far below what an extruder keeps to."""
+"""Largest share by which sections change where the road width is given."""
 
 TOLERANCE = 4e-3
 """Points so near a straight road are dropped, mm: a hundredth of a road's width."""

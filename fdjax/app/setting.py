@@ -133,16 +133,11 @@ def check_fits(job: Job, part: body.Part, machine: Machine) -> None:
 
 def check_lines(job: Job, part: body.Part, target: Target, machine: Machine) -> None:
     """Raise `InputError` where the target asks for less than one line in a layer."""
-    region = part.slabs[0].region
-    xy = shapely.get_coordinates(region.geometry.segmentize(max(region.area**0.5 / 20, 1e-6)))
-    inside = np.array(shapely.point_on_surface(region.geometry).coords[0])
-    xy = np.concatenate([xy, (xy + inside) / 2])
-    xy = xy[shapely.intersects_xy(region.geometry, xy)]
-    solid = float(np.max(target.solid(xy[:, 0], xy[:, 1], part.slabs[0].height / 2)))
+    solid = target.densest(part)
     height, wide = job.part.layer_height, job.pattern.road_width
     if job.pattern.width_is_free:
         wide = min(wide, machine.road_width[0])
-    corners = smallest_rectangle(shapely.get_coordinates(region.geometry))
+    corners = smallest_rectangle(shapely.get_coordinates(part.slabs[0].region.geometry))
     across = float(min(np.hypot(*(corners[1] - corners[0])), np.hypot(*(corners[2] - corners[1]))))
     families = 2 if job.pattern.mode.startswith("both") else 1
     per_length = float(section_area(wide, height)) * families / height

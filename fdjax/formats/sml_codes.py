@@ -25,10 +25,9 @@ LARGEST_GAIN = 254
 """Largest even flow code."""
 
 _MOST_RUNS = MOST_OUTPUTS - 2  # flow on and rollback are outputs too
+_STEP = 2  # from one even code to the next
 _SPIKE = 2
 """Microsteps: rounding moves two points no further towards each other."""
-
-_STEP = 2  # from one even code to the next
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -66,10 +65,8 @@ def fit_road(road: Road, height: float, origin: Floats, sml: Sml, carry: Carry) 
         raise InputError(
             f"({x}, {y}) microsteps on the bed is out of range; SML holds +-{FARTHEST}"
         )
-    lasting = (np.diff(steps, axis=0) != 0).any(axis=1)
     width = road.width if road.section is None else road_width(road.section, height)
-    steps, width = np.vstack([steps[:1], steps[1:][lasting]]), width[lasting]
-    steps, width = _without_spikes(steps, width)
+    steps, width = _lasting(steps, width)
     if len(width) == 0:
         return ()
     asked = section_area(width, height) / sml.area_per_code
@@ -101,9 +98,11 @@ def steps_of(road: Road, origin: Floats) -> Ints:
     return np.rint((road.path + origin) / MICROSTEP).astype(np.int64)
 
 
-def _without_spikes(steps: Ints, width: Floats) -> tuple[Ints, Floats]:
-    """The path without points that rounding has put a microstep or two straight back."""
-    while len(width) > 1:
+def _lasting(steps: Ints, width: Floats) -> tuple[Ints, Floats]:
+    """The path without points that repeat or that rounding has put a step or two straight back."""
+    while True:
+        moved = (np.diff(steps, axis=0) != 0).any(axis=1)
+        steps, width = np.vstack([steps[:1], steps[1:][moved]]), width[moved]
         way = np.diff(steps, axis=0)
         before, after = way[:-1], way[1:]
         back = (before * after).sum(1) < 0
@@ -111,14 +110,11 @@ def _without_spikes(steps: Ints, width: Floats) -> tuple[Ints, Floats]:
         short = np.minimum(np.abs(before).max(1), np.abs(after).max(1)) <= _SPIKE
         spikes = np.flatnonzero(back & straight & short)
         if not len(spikes):
-            break
+            return steps, width
         # One at a time: the next may be none without it.
         k = spikes[0]
         shorter = k + int(np.abs(before[k]).max() >= np.abs(after[k]).max())
         steps, width = np.delete(steps, k + 1, axis=0), np.delete(width, shorter)
-        lasting = (np.diff(steps, axis=0) != 0).any(axis=1)
-        steps, width = np.vstack([steps[:1], steps[1:][lasting]]), width[lasting]
-    return steps, width
 
 
 def codes_of(road: Road, height: float, sml: Sml) -> Ints:

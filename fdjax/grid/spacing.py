@@ -89,24 +89,14 @@ class RobertsSpacing(AbstractSpacing):
         return (2 * a + b * jnp.tanh((t - a) / (1 - a) * jnp.arctanh(1 / b))) / (2 * a + 1)
 
 
-class TanhSpacing(AbstractSpacing):
+def tanh_spacing(delta: Float[Array, ""], alpha: float = 0.5) -> RobertsSpacing:
     """`s(t) = (2a + tanh(d q) / tanh(d)) / (2a + 1)`, with `q = (t-a)/(1-a)`.
 
     The hyperbolic tangent of Vinokur (J. Comput. Phys. 50, 1983), which is eq. (1) at
     `beta = coth(d)`; `alpha` a as there. `delta` d > 0: the larger, the stronger; even steps as it
     goes to 0. Differentiable in delta. Raises `ValueError` for another alpha.
     """
-
-    delta: Float[Array, ""]
-    alpha: float = eqx.field(static=True, default=0.5)
-
-    def __check_init__(self) -> None:
-        if self.alpha not in (0.0, 0.5):
-            raise ValueError(f"TanhSpacing: alpha is {self.alpha}; 0 or 0.5 map 0 to 0")
-
-    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
-        a, d = self.alpha, self.delta
-        return (2 * a + jnp.tanh(d * (t - a) / (1 - a)) / jnp.tanh(d)) / (2 * a + 1)
+    return RobertsSpacing(1 / jnp.tanh(delta), alpha)
 
 
 class GeometricSpacing(AbstractSpacing):

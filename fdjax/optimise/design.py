@@ -27,7 +27,7 @@ CORRECTING = 30
 """Most evaluations in which a design is corrected."""
 
 WIDELY = 0.005
-"""Share of a part in which a limit must be reached to be what a design is limited by."""
+"""Share of the places at which a limit must be reached to be what a design is limited by."""
 
 STEEP = 0.1
 """Solid share by which a target may change over half a window: lines crowd no faster."""
@@ -68,7 +68,7 @@ class Design:
     def limited_by(self) -> list[str]:
         """What keeps the design from its target, in words: limits reached, and a steep target."""
         found = [
-            f"{name} at its limit in {100 * share:.1f} % of the part"
+            f"{name} at its limit in {100 * share:.1f} % of the places looked at"
             for name, share in self.held.items()
             if share > WIDELY
         ]

@@ -20,7 +20,7 @@ from fdjax.grid.spacing import (
     DensitySpacing,
     GeometricSpacing,
     RobertsSpacing,
-    TanhSpacing,
+    tanh_spacing,
 )
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ STRETCHINGS = {
     "roberts": Stretching(
         RobertsSpacing, lambda beta: math.log(beta - 1), lambda free: 1 + jnp.exp(free), 1.0
     ),
-    "tanh": Stretching(TanhSpacing, math.log, jnp.exp, 0.0),
+    "tanh": Stretching(tanh_spacing, math.log, jnp.exp, 0.0),
     "geometric": Stretching(
         lambda growth, _: GeometricSpacing(growth),
         lambda growth: growth,

@@ -8,14 +8,12 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely import MultiPolygon, Polygon
 
-from fdjax.errors import InputError
 from fdjax.part.region import Region
-from fdjax.plan.laid import Laid
-from fdjax.plan.lines import SHORTEST_ROAD
-from fdjax.plan.order import order_roads
+from fdjax.plan.laid import Laid, shortest_road
 from fdjax.plan.room import Room, Walls
 from fdjax.plan.simplify import simplify_paths
 from fdjax.plan.toolpath import Road
+from fdjax.plan.trail import checked
 from fdjax.road.stroke import Drawing
 
 Floats = NDArray[np.float64]
@@ -59,7 +57,7 @@ def lay_drawing(
     >>> sorted(round(road.length, 6) for road in lay_drawing(drawing, box(0, 0, 9, 8)).roads)
     [5.8, 8.6]
     """
-    _check(drawing)
+    checked(drawing)
     if not len(drawing.edges):
         return Laid()
     walls = Room.of(room).walls(float(drawing.width.max()))
@@ -67,29 +65,10 @@ def lay_drawing(
     if not len(clipped.edges):
         return Laid()
     length = np.hypot(*(clipped.xy[clipped.edges[:, 1]] - clipped.xy[clipped.edges[:, 0]]).T)
-    shortest = max(SHORTEST_ROAD * float(clipped.width.mean()), least_road + tolerance)
+    shortest = shortest_road(clipped.width, least_road + tolerance)
     partner = _paired(clipped, length.tolist(), shortest)
     roads = _roads(clipped, partner, tolerance)
-    long = [road.length >= shortest for road in roads]
-    left_out = [road for road, keep in zip(roads, long, strict=True) if not keep]
-    roads = [road for road, keep in zip(roads, long, strict=True) if keep]
-    return Laid(tuple(order_roads(roads, start=start)), tuple(left_out))
-
-
-def _check(drawing: Drawing) -> None:
-    count = len(drawing.edges)
-    if drawing.xy.ndim != 2 or drawing.xy.shape[1:] != (2,) or not np.isfinite(drawing.xy).all():
-        raise InputError("drawing: nodes must be finite points, shape (nodes, 2)")
-    if (
-        drawing.edges.shape != (count, 2)
-        or not ((drawing.edges >= 0) & (drawing.edges < len(drawing.xy))).all()
-    ):
-        raise InputError("drawing: edges must name two nodes each, shape (edges, 2)")
-    if (
-        drawing.width.shape != (count,)
-        or not (np.isfinite(drawing.width) & (drawing.width > 0)).all()
-    ):
-        raise InputError(f"drawing: needs {count} positive widths, one an edge")
+    return Laid.of(roads, shortest, start=start)
 
 
 def _clipped(drawing: Drawing, walls: Walls) -> Drawing:

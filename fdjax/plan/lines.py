@@ -11,8 +11,7 @@ from fdjax.part.region import Region
 from fdjax.plan.chords import Chords, stretch
 from fdjax.plan.cut import Piece, cut_lines
 from fdjax.plan.join import Joins, choose, ways_along
-from fdjax.plan.laid import Laid
-from fdjax.plan.order import order_roads
+from fdjax.plan.laid import Laid, shortest_road
 from fdjax.plan.relink import relinked
 from fdjax.plan.room import Room
 from fdjax.plan.simplify import simplify_paths, simplify_roads
@@ -21,9 +20,6 @@ from fdjax.plan.toolpath import Road
 from fdjax.road.stroke import LONGEST_JOIN, Lines
 
 Floats = NDArray[np.float64]
-
-SHORTEST_ROAD = 3.0
-"""A road shorter than so many of its widths is not worth laying alone."""
 
 WORTH_OTHER_PARITY = 15.0
 """Travel, mm, that a layer of the other parity than asked must save."""
@@ -46,8 +42,9 @@ def lay_lines(
     (see `cut_lines`). Where lines come too near each other the one in the way ends early (see
     `thin`). Ends that are neighbours on a wall are then joined along it, where `ways_along` finds
     a way, in the passes of `choose`: between levels k and k + 1 at every second gap, so that half
-    of each wall is covered. The other parity is taken where it gives fewer roads. A join has the
-    mean width of the two ends.
+    of each wall is covered. Where that saves travel free ends then move along their walls (see
+    `relinked`), and the other parity is taken (`WORTH_OTHER_PARITY`). A join has the mean width of
+    the two ends.
 
     - `lift_length`: a join may be so much longer than the straight way, mm.
     - `longest_join`: along the wall, mm; None: `LONGEST_JOIN`.
@@ -100,14 +97,9 @@ def lay_lines(
 
     roads = [road(*_deposit(pieces, joins, run)) for run in joins.runs(len(pieces))]
     roads = simplify_roads(roads, tolerance=tolerance / 2)
-    long = [
-        road.length >= max(SHORTEST_ROAD * road.width.mean(), least_road + tolerance)
-        for road in roads
-    ]
+    shortest = [shortest_road(each.width, least_road + tolerance) for each in roads]
     left_out = [road(piece.xy, piece.width) for piece in gone]
-    left_out += [road for road, keep in zip(roads, long, strict=True) if not keep]
-    roads = [road for road, keep in zip(roads, long, strict=True) if keep]
-    return Laid(tuple(order_roads(roads, start=start)), tuple(left_out))
+    return Laid.of(roads, shortest, start=start, left_out=left_out)
 
 
 def _checked(lines: Lines) -> tuple[list[Floats], list[Floats]]:

@@ -28,7 +28,8 @@ _GAIN = 1e-9
 def reversed_road(road: Road) -> Road:
     """The same deposit run from its end to its start."""
     xy = np.roll(road.xy[::-1], 1, axis=0) if road.closed else road.xy[::-1]
-    return replace(road, xy=xy, width=road.width[::-1])
+    section = None if road.section is None else road.section[::-1]
+    return replace(road, xy=xy, width=road.width[::-1], section=section)
 
 
 def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> list[Road]:

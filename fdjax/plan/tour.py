@@ -15,9 +15,7 @@ from shapely import MultiPolygon, Polygon
 
 from fdjax.errors import InputError
 from fdjax.part.region import Region
-from fdjax.plan.laid import Laid
-from fdjax.plan.lines import SHORTEST_ROAD
-from fdjax.plan.order import order_roads
+from fdjax.plan.laid import Laid, shortest_road
 from fdjax.plan.room import Room, Walls
 from fdjax.plan.simplify import simplify_roads
 from fdjax.plan.toolpath import Road
@@ -65,16 +63,14 @@ def lay_curve(
     """
     _check(curve)
     walls = Room.of(room).walls(float(curve.width.max()))
-    shortest = max(SHORTEST_ROAD * float(curve.width.mean()), least_road + tolerance)
+    shortest = shortest_road(curve.width, least_road + tolerance)
     steps = _Steps.of(curve.xy, walls)
     after = _following(curve, steps)
     _fill(after, steps)
     bays = _bays(after, curve.xy, walls)
     roads = [_road(curve, bays, loop) for loop in _loops(after)]
     roads = simplify_roads(roads, tolerance=tolerance / 2)
-    left_out = tuple(road for road in roads if road.length < shortest)
-    roads = [road for road in roads if road.length >= shortest]
-    return Laid(tuple(order_roads(roads, start=start)), left_out)
+    return Laid.of(roads, shortest, start=start)
 
 
 def _check(curve: Curve) -> None:

@@ -13,7 +13,7 @@ from fdjax.plan.room import Room
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.plan.tour import lay_curve
 from fdjax.plan.trail import lay_graph
-from fdjax.road.bead import road_width, section_area
+from fdjax.road.bead import road_width
 from fdjax.road.stroke import Curve, Drawing, Graph, Lines
 
 LAYING: dict[type, Callable[..., Laid]] = {
@@ -106,16 +106,17 @@ def _layer(slab: Slab, laid: Laid) -> Layer:
 def trim(build: Build, volume: float) -> Build:
     """The build with all roads' sections scaled alike, so that it deposits `volume` (mm^3).
 
-    For designs whose road width is free: what a plan puts at walls, corners and holes differs by
-    some tenths of a per cent from what design foresaw. Raises `InputError` for a build without
-    roads.
+    What a plan puts at walls, corners and holes differs by some tenths of a per cent from what
+    design foresaw. Raises `InputError` for a build without roads.
     """
     if not build.volume > 0:
         raise InputError("trim: the build has no roads to scale")
     share = volume / build.volume
 
     def scaled(road: Road, height: float) -> Road:
-        return replace(road, width=road_width(share * section_area(road.width, height), height))
+        section = share * road.areas(height)
+        own = None if road.section is None else section
+        return replace(road, width=road_width(section, height), section=own)
 
     layers = tuple(
         replace(layer, roads=tuple(scaled(road, layer.height) for road in layer.roads))

@@ -19,12 +19,10 @@ from shapely import MultiPolygon, Polygon
 from fdjax.errors import InputError
 from fdjax.part.region import Region
 from fdjax.plan.cut import SHORTEST
-from fdjax.plan.laid import Laid
-from fdjax.plan.lines import SHORTEST_ROAD
-from fdjax.plan.order import order_roads
+from fdjax.plan.laid import Laid, shortest_road
 from fdjax.plan.pairing import pairs
 from fdjax.plan.room import Room, Walls
-from fdjax.plan.toolpath import Road
+from fdjax.plan.toolpath import NO_NODES, Road
 from fdjax.road.stroke import Graph
 
 Floats = NDArray[np.float64]
@@ -72,7 +70,7 @@ def lay_graph(
     >>> [road.length.__round__(3) for road in lay_graph(square, shapely.box(0, 0, 4, 4)).roads]
     [10.828]
     """
-    xy, edges, width = _checked(graph)
+    xy, edges, width = checked(graph)
     if not len(edges):
         return Laid()
     walls = Room.of(room).walls(float(width.max()))
@@ -81,16 +79,12 @@ def lay_graph(
         Road(xy[nodes], width[list(own)], graph.material, closed, graph.family)
         for nodes, own, closed in trails(xy, edges)
     ]
-    long = [
-        road.length >= max(SHORTEST_ROAD * road.width.mean(), least_road + tolerance)
-        for road in roads
-    ]
-    left_out = tuple(road for road, keep in zip(roads, long, strict=True) if not keep)
-    roads = [road for road, keep in zip(roads, long, strict=True) if keep]
-    return Laid(tuple(order_roads(roads, start=start)), left_out)
+    shortest = [shortest_road(road.width, least_road + tolerance) for road in roads]
+    return Laid.of(roads, shortest, start=start)
 
 
-def _checked(graph: Graph) -> tuple[Floats, Ints, Floats]:
+def checked(graph: Graph) -> tuple[Floats, Ints, Floats]:
+    """Nodes, edges and widths as arrays; raises `InputError` where they do not fit together."""
     xy, edges = np.asarray(graph.xy, float), np.asarray(graph.edges)
     width = np.asarray(graph.width, float)
     if xy.ndim != 2 or xy.shape[1] != 2 or not np.isfinite(xy).all():
@@ -101,7 +95,7 @@ def _checked(graph: Graph) -> tuple[Floats, Ints, Floats]:
         raise InputError(f"graph: edges name nodes beyond the {len(xy)} that there are")
     if width.shape != (len(edges),) or not (np.isfinite(width) & (width > 0)).all():
         raise InputError(f"graph: needs {len(edges)} positive widths, one an edge")
-    if graph.family in ("", "xi", "eta"):
+    if graph.family in NO_NODES:
         raise InputError(f'graph: "{graph.family}" is a family of lines; name it otherwise')
     return xy, edges, width
 

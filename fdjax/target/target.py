@@ -1,6 +1,6 @@
 """What the part is to be: the porosity asked for at each point. Loads no JAX."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from dataclasses import field as data
 from typing import Any
@@ -83,6 +83,18 @@ class Target:
         In a region it is the points of a raster of `samples` x `samples` over its bounds that lie
         inside, and points along its edges equally close.
         """
+        for points, z in self._looked_at(part, samples):
+            self._check_at(points, z)
+
+    def densest(self, part: Part, *, samples: int = 200) -> float:
+        """Largest solid share asked at the places in the part that `check` looks at."""
+        return max(
+            float(self.solid(points[:, 0], points[:, 1], z).max())
+            for points, z in self._looked_at(part, samples)
+        )
+
+    def _looked_at(self, part: Part, samples: int) -> Iterator[tuple[Floats, float]]:
+        """Points all over the regions of some layers, with the height of each's middle."""
         slabs = part.slabs
         if not self.varies_in_z:
             slabs = tuple({id(slab.region): slab for slab in slabs}.values())
@@ -92,7 +104,7 @@ class Target:
             key = id(slab.region)
             if key not in points:
                 points[key] = _points_in(slab, samples)
-            self._check_at(points[key], slab.z - slab.height / 2)
+            yield points[key], slab.z - slab.height / 2
 
     def _check_at(self, points: Floats, z: float) -> None:
         values = np.asarray(self._quantity_at(points[:, 0], points[:, 1], z))

@@ -12,9 +12,9 @@ from fdjax.grid.spacing import (
     DensitySpacing,
     GeometricSpacing,
     RobertsSpacing,
-    TanhSpacing,
     UniformSpacing,
     fit_log_density,
+    tanh_spacing,
 )
 
 T = np.linspace(0, 1, 201)
@@ -135,9 +135,9 @@ def test_derivatives_of_density_spacing_match_differences():
 @pytest.mark.parametrize("alpha", [0.0, 0.5])
 def test_tanh_is_eq_1_by_another_number(alpha):
     t = jnp.linspace(0, 1, 41)
-    own = evaluate(TanhSpacing(jnp.arctanh(1 / 1.2), alpha), t)
+    own = evaluate(tanh_spacing(jnp.arctanh(1 / 1.2), alpha), t)
     np.testing.assert_allclose(own, evaluate(RobertsSpacing(jnp.asarray(1.2), alpha), t))
-    np.testing.assert_allclose(evaluate(TanhSpacing(jnp.asarray(1e-4), alpha), t), t, atol=1e-8)
+    np.testing.assert_allclose(evaluate(tanh_spacing(jnp.asarray(1e-4), alpha), t), t, atol=1e-8)
 
 
 @pytest.mark.parametrize("growth", [-3.0, -1e-7, 0.0, 1e-7, 1e-5, 2.0])
@@ -148,7 +148,7 @@ def test_steps_of_a_geometric_spacing_grow_by_one_ratio(growth):
     np.testing.assert_allclose(steps[1:] / steps[:-1], np.exp(growth / 10), rtol=1e-9)
 
 
-@pytest.mark.parametrize("kind", [TanhSpacing, GeometricSpacing])
+@pytest.mark.parametrize("kind", [tanh_spacing, GeometricSpacing])
 def test_stretchings_are_derived_in_their_strength(kind):
     t = jnp.linspace(0, 1, 9)
     for strength in (0.7, 2.0):

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from jax.flatten_util import ravel_pytree
 from outlines import OUTLINES
+from slopes import assert_slopes
 
 from fdjax.app import config
 from fdjax.errors import InputError
@@ -86,28 +86,7 @@ def test_gradients_of_every_control_agree_with_central_differences(controls):
     part = Part.plate(DISC.difference(DISC.buffer(-14)), layers=10, height=0.2)
     pattern = begun(part, controls=controls, knots=(8, 9), field_knots=(4, 5))
     windows = SoftWindows.over(part, SMALL.solid, 5.0, flat=True)
-    objective = Objective(pattern, windows, SMALL, MARLIN.limits)
-    free, unravel = ravel_pytree(pattern.controls())
-
-    @jax.jit
-    def value(free):
-        residuals, _ = objective(unravel(free))
-        return 1e3 * sum((part**2).sum() for part in jax.tree.leaves(residuals))
-
-    gradient = jax.jit(jax.grad(value))(free)
-    norm = float(jnp.linalg.norm(gradient))
-    rng = np.random.default_rng(3)
-    for _ in range(3):
-        step = pattern.scale(unravel(jnp.asarray(rng.normal(size=free.size))))
-        way = ravel_pytree(step)[0]
-        way = way / jnp.linalg.norm(way)
-        h = 1e-5
-        wide = (value(free + 2 * h * way) - value(free - 2 * h * way)) / (4 * h)
-        close = (value(free + h * way) - value(free - h * way)) / (2 * h)
-        slope = float(4 * close - wide) / 3
-        forward = jax.jvp(value, (free,), (way,))[1]
-        assert float(gradient @ way) == pytest.approx(slope, abs=1e-6 * norm)
-        assert float(forward) == pytest.approx(slope, abs=1e-6 * norm)
+    assert_slopes(Objective(pattern, windows, SMALL, MARLIN.limits))
 
 
 @pytest.mark.parametrize("name", ["hexagonal", "triangular"])

@@ -82,8 +82,8 @@ def test_loops_are_closed_roads():
     ("changes", "words"),
     [
         ({"width": np.full(2, 0.4)}, "4 positive widths"),
-        ({"edges": np.array([[0, 9]])}, "two nodes each"),
-        ({"xy": np.full((4, 2), np.nan)}, "finite points"),
+        ({"edges": np.array([[0, 9]])}, "nodes beyond the 4"),
+        ({"xy": np.full((4, 2), np.nan)}, "must be finite"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(changes, words):

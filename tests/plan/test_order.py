@@ -40,10 +40,11 @@ def test_many_roads_travel_less_than_to_the_nearest_each_time():
 def test_reversed_road_lays_the_same():
     for closed in (False, True):
         width = [0.3, 0.4, 0.5] if closed else [0.3, 0.4]
-        road = Road([(0, 0), (2, 0), (2, 1)], width, closed=closed)
-        back = reversed_road(road)
-        assert back.path.tolist() == road.path[::-1].tolist()
-        assert back.segment_volumes(0.2).tolist() == road.segment_volumes(0.2)[::-1].tolist()
+        for section in (None, [0.01 * each for each in range(1, 1 + len(width))]):
+            road = Road([(0, 0), (2, 0), (2, 1)], width, closed=closed, section=section)
+            back = reversed_road(road)
+            assert back.path.tolist() == road.path[::-1].tolist()
+            assert back.segment_volumes(0.2).tolist() == road.segment_volumes(0.2)[::-1].tolist()
 
 
 def test_no_roads():

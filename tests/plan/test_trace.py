@@ -167,6 +167,14 @@ def test_trim_minds_the_heights_of_the_layers():
     assert trim(build, 2.0).volume == pytest.approx(2.0)
 
 
+def test_trim_scales_sections_that_a_file_told():
+    road = Road([(0, 0), (10, 0), (10, 5)], 0.4, section=[0.07, 0.12])
+    build = Build((Layer(0.2, 0.2, (road,)),))
+    trimmed = trim(build, 1.5 * build.volume)
+    assert trimmed.volume == pytest.approx(1.5 * build.volume)
+    np.testing.assert_allclose(trimmed.layers[0].roads[0].section, [0.105, 0.18])
+
+
 def test_trim_of_nothing_is_refused():
     with pytest.raises(InputError, match="no roads"):
         trim(Build((Layer(0.2, 0.2, ()),)), 1.0)
