@@ -1,11 +1,6 @@
-"""The layers of a G-code file that fdjax did not write: which roads are the part, how high each is.
+"""The layers of a G-code file that fdjax did not write: which roads are the part."""
 
-The order of layers is the file's. A road's height is what the file says of it, else the slicer's
-setting, else the difference to the layer before; where two of them differ, the one that gives the
-road a width like the other roads'.
-"""
-
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 
@@ -14,18 +9,13 @@ import shapely
 from numpy.typing import NDArray
 
 from fdjax.errors import InputError
+from fdjax.formats.gcode_heights import heights_of, layer_keys
+from fdjax.formats.gcode_runs import NEAR, Runs
 from fdjax.formats.gcode_scan import Floats, Ints, Mask
 from fdjax.formats.gcode_track import Track
-from fdjax.formats.slicers import ASIDE, ROLES, Comments, Settings, Stretch
+from fdjax.formats.slicers import ASIDE, ROLES, Comments, Settings
 from fdjax.plan.toolpath import Layer, Outline, Roads
 from fdjax.road.bead import road_width
-
-_SAME = 0.02
-"""Share by which two heights may differ and still be one."""
-_THINNEST = 0.5
-"""Least width of a road as a share of its layer's height, where nothing but Z tells that."""
-_NEAR = 1e-4
-"""mm; deposits nearer in Z than this lie in one layer."""
 
 
 @dataclass(frozen=True)
@@ -51,74 +41,6 @@ class Choice:
             raise InputError(f"layers: {self.layers[0]}:{self.layers[1]}; as 1:20 is needed")
 
 
-@dataclass(frozen=True, eq=False)
-class _Runs:
-    """Runs of pieces of a track: of one road, and of one stretch between comments.
-
-    - `first`: index of each run's first piece, and the number of pieces, shape (runs + 1,).
-    - `stretch`: index in `stretches` of each run's, shape (runs,).
-    """
-
-    track: Track
-    first: Ints
-    stretch: Ints
-    stretches: Sequence[Stretch]
-
-    @classmethod
-    def of(cls, track: Track, comments: Comments) -> "_Runs":
-        lines = np.array([each.line for each in comments.stretches])
-        stretch = np.searchsorted(lines, track.line, side="right") - 1
-        begins = np.diff(track.road, prepend=-1) != 0
-        begins[1:] |= stretch[1:] != stretch[:-1]
-        # Where Z moves each piece may be of another layer.
-        begins |= (np.abs(track.start[:, 2] - track.end[:, 2]) > _NEAR).any()
-        first = np.flatnonzero(begins)
-        return cls(track, np.append(first, len(begins)), stretch[first], comments.stretches)
-
-    def told(self, name: str) -> NDArray:
-        """What comments say of each run: a number of `Stretch`, shape (runs,)."""
-        return np.array([getattr(each, name) for each in self.stretches])[self.stretch]
-
-    def those(self, test: Callable[[Stretch], bool]) -> Mask:
-        """The runs whose stretch passes a test, shape (runs,)."""
-        return np.array([test(each) for each in self.stretches])[self.stretch]
-
-    def roles(self) -> tuple[Ints, tuple[str, ...]]:
-        """Index of each run's role, and the roles; the first is none."""
-        names = ("", *sorted({each.role for each in self.stretches} - {""}))
-        index = {name: number for number, name in enumerate(names)}
-        return np.array([index[each.role] for each in self.stretches])[self.stretch], names
-
-    @property
-    def volume(self) -> Floats:
-        """Of each run, mm^3."""
-        return np.add.reduceat(self.track.volume, self.first[:-1])
-
-    @property
-    def section(self) -> Floats:
-        """Mean section of each run, mm^2."""
-        return self.volume / np.add.reduceat(self.track.length(slice(None)), self.first[:-1])
-
-    @property
-    def z(self) -> tuple[Floats, Floats]:
-        """Where each run begins and ends, mm above what the file calls 0."""
-        track = self.track
-        start, end = track.start[self.first[:-1], 2], track.end[self.first[1:] - 1, 2]
-        return start - track.base, end - track.base
-
-    def pieces(self, runs: Ints) -> slice | Ints:
-        """Indices of the pieces of some runs, in order."""
-        if len(runs) == runs[-1] - runs[0] + 1:
-            return slice(int(self.first[runs[0]]), int(self.first[runs[-1] + 1]))
-        first = self.first[runs]
-        count = self.first[runs + 1] - first
-        return np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
-
-    def of_those(self, runs: Ints, values: NDArray) -> NDArray:
-        """Values of runs, repeated for each of their pieces."""
-        return np.repeat(values[runs], self.first[runs + 1] - self.first[runs])
-
-
 def layers_of(
     track: Track,
     comments: Comments,
@@ -133,7 +55,7 @@ def layers_of(
     `layer_height` (mm) and `outline` replace what the file says. Raises `InputError` where nothing
     is left, where layers are sloping and no pitch is told, or where a height cannot be told.
     """
-    runs = _Runs.of(track, comments)
+    runs = Runs.of(track, comments)
     aside = _aside(runs, comments, outline)
     part = aside == 0
     _choose(runs, aside, choice)
@@ -145,9 +67,9 @@ def layers_of(
     # Layers and heights are the part's, whatever is asked for of it.
     layered = np.flatnonzero(part | asked)
     key = np.full(len(part), -1)
-    key[layered], tops = _layer_keys(runs, layered, comments, layer_height)
+    key[layered], tops = layer_keys(runs, layered, comments, layer_height)
     heights = np.full(len(part), np.nan)
-    heights[layered], thickness, reading["heights"] = _heights(
+    heights[layered], thickness, reading["heights"] = heights_of(
         runs, layered, key[layered], tops, settings, layer_height
     )
     rectangular = settings.slicer.startswith("Cura")
@@ -174,7 +96,7 @@ def layers_of(
 
 
 def _roads(
-    runs: _Runs,
+    runs: Runs,
     own: Ints,
     height: Floats,
     high: float,
@@ -202,7 +124,7 @@ def _roads(
 _REASONS = ("", *ASIDE, "raft", "outside the outline", "other objects", "other roles")
 
 
-def _aside(runs: _Runs, comments: Comments, outline: Outline | None) -> NDArray[np.uint8]:
+def _aside(runs: Runs, comments: Comments, outline: Outline | None) -> NDArray[np.uint8]:
     """Index in `_REASONS` of why each run is no part, 0 for those that are."""
     reasons = {role: _REASONS.index(role) for role in ASIDE}
     raft, outside, priming = map(_REASONS.index, ("raft", "outside the outline", "priming"))
@@ -215,13 +137,13 @@ def _aside(runs: _Runs, comments: Comments, outline: Outline | None) -> NDArray[
     else:
         # A nozzle that goes down to its first layer has primed higher up.
         start, end = runs.z
-        lowest = end[np.abs(end - start) <= _NEAR].min(initial=np.inf)
-        primes = np.arange(len(end)) < np.argmax(end <= lowest + _NEAR)
+        lowest = end[np.abs(end - start) <= NEAR].min(initial=np.inf)
+        primes = np.arange(len(end)) < np.argmax(end <= lowest + NEAR)
     aside[primes] = priming
     return aside
 
 
-def _choose(runs: _Runs, aside: NDArray[np.uint8], choice: Choice) -> None:
+def _choose(runs: Runs, aside: NDArray[np.uint8], choice: Choice) -> None:
     """Mark in `aside` what is asked for and what is not."""
     if choice.roles:
         wider = {"perimeter": ("perimeter", "outer perimeter", "overhang")}
@@ -239,7 +161,7 @@ def _choose(runs: _Runs, aside: NDArray[np.uint8], choice: Choice) -> None:
         aside[others & (aside == 0)] = _REASONS.index("other objects")
 
 
-def _meets(runs: _Runs, outline: Outline) -> Mask:
+def _meets(runs: Runs, outline: Outline) -> Mask:
     """Which runs belong to a road that comes into the outline somewhere."""
     track = runs.track
     shapely.prepare(outline)
@@ -258,7 +180,7 @@ def _meets(runs: _Runs, outline: Outline) -> Mask:
     return inside[number]
 
 
-def _left_out(runs: _Runs, aside: NDArray[np.uint8]) -> dict[str, str]:
+def _left_out(runs: Runs, aside: NDArray[np.uint8]) -> dict[str, str]:
     volumes = np.bincount(aside, runs.volume, len(_REASONS))
     counts = np.bincount(aside, minlength=len(_REASONS))
     said = [
@@ -273,117 +195,6 @@ def _left_out(runs: _Runs, aside: NDArray[np.uint8]) -> dict[str, str]:
     if unknown:
         found["unknown roles"] = f"{', '.join(unknown)}: counted as the part"
     return found
-
-
-def _layer_keys(
-    runs: _Runs, layered: Ints, comments: Comments, layer_height: float | None
-) -> tuple[Ints, Floats]:
-    """Index of each of these runs' layer, in the file's order; each layer's top Z, mm."""
-    start, end = (z[layered] for z in runs.z)
-    slopes = np.flatnonzero(np.abs(start - end) > _NEAR)
-    if len(slopes):
-        if layer_height is not None:
-            level = np.ceil(np.maximum(start, end) / layer_height - 1e-6) * layer_height
-        elif comments.layered:
-            level = runs.told("layer")[layered].astype(float)
-        else:
-            line = runs.track.line[runs.first[layered[slopes[0]]]]
-            raise InputError(
-                f"G-code line {line}: deposits while Z moves; the layer height tells the pitch of "
-                "a vase"
-            )
-    else:
-        level = np.round(end / _NEAR)
-    levels, first, key = np.unique(level, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.empty(len(levels), np.intp)
-    rank[order] = np.arange(len(levels))
-    key = rank[key]
-    tops = np.full(len(levels), -np.inf)
-    np.maximum.at(tops, key, end)
-    return key, np.round(tops, 9).astype(float)
-
-
-def _heights(
-    runs: _Runs,
-    layered: Ints,
-    key: Ints,
-    tops: Floats,
-    settings: Settings,
-    layer_height: float | None,
-) -> tuple[Floats, Floats, str]:
-    """Height of each of these runs and of each layer, mm, and where they are from."""
-    if layer_height is not None:
-        each = np.full(len(tops), layer_height)
-        return each[key], each, "as given"
-    section = runs.section[layered]
-    gaps = np.concatenate([[np.nan], np.diff(tops)])
-    gaps[~(gaps > _NEAR)] = np.nan
-    typical = float(np.nanmedian(gaps)) if np.isfinite(gaps).any() else np.nan
-    said: Sequence[str] = ()
-    told, earlier, width = (runs.told(each)[layered] for each in ("height", "earlier", "width"))
-    if (told > 0).all():
-        first, second = told, np.where(earlier > 0, earlier, np.nan)
-        said = ("the file's word on each road",)
-    elif settings.layer_height > 0:
-        set_ = np.full(len(tops), settings.layer_height)
-        set_[0] = settings.first_height or (settings.layer_height if len(tops) > 1 else tops[0])
-        if not settings.first_height and 0 < tops[0] <= 2 * settings.layer_height:
-            gaps[0] = tops[0]
-        first, second = set_[key], gaps[key]
-        said = ("the file's setting of the layer height",)
-    else:
-        first, second, said = _from_gaps(tops, gaps, typical, section)
-        first, second = first[key], second[key]
-    first = np.where(told > 0, told, first)
-    heights = _likelier(section, first, second, width)
-    thickness = gaps.copy()
-    for number in np.flatnonzero(np.isnan(thickness) | (np.arange(len(tops)) == 0)):
-        thickness[number] = np.median(heights[key == number])
-    return heights, thickness, ", ".join(said)
-
-
-def _from_gaps(
-    tops: Floats, gaps: Floats, typical: float, section: Floats
-) -> tuple[Floats, Floats, Sequence[str]]:
-    """Heights of layers from differences of Z alone, and others that the first may have."""
-    first, second = gaps.copy(), np.full(len(tops), np.nan)
-    said = "differences of Z"
-    if np.isnan(typical):
-        if len(tops) > 1 or tops[0] <= 0:
-            if len(tops) == 1:
-                raise InputError(
-                    f"deposits at Z = {tops[0]:g} mm tell no layer height; give the layer height"
-                )
-            guess = float(np.sqrt(np.median(section) / 2))
-            said = f"not told: roads taken to be twice as wide as high ({guess:.3g} mm)"
-            return np.full(len(tops), guess), second, (said,)
-        if np.median(section) < np.pi / 4 * (_THINNEST * tops[0]) ** 2:
-            raise InputError(
-                f"deposits at Z = {tops[0]:g} mm alone are too thin for a layer of that height; "
-                "give the layer height"
-            )
-        return tops.copy(), second, ("Z above the bed",)
-    first[np.isnan(first)] = typical
-    # A first layer up to twice as high as the others is one; above that it lies on a board.
-    if typical <= tops[0] <= 2 * typical:
-        first[0] = tops[0]
-    elif 0 < tops[0] < typical:
-        second[0] = tops[0]
-    else:
-        said += f", the first layer as the others (Z begins at {tops[0]:g} mm)"
-    return first, second, (said,)
-
-
-def _likelier(section: Floats, first: Floats, second: Floats, width: Floats) -> Floats:
-    """Of two heights the one that makes a road as wide as is told, or as the others are."""
-    disputed = np.isfinite(second) & (np.abs(second - first) > _SAME * first)
-    if not disputed.any():
-        return first
-    wide, other = road_width(section, first), road_width(section, np.where(disputed, second, 1.0))
-    sure = wide[~disputed]
-    like = np.where(width > 0, width, np.median(sure) if len(sure) else wide)
-    return np.where(disputed & (np.abs(other - like) < np.abs(wide - like)), second, first)
 
 
 def flat_roads(

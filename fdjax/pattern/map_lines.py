@@ -2,29 +2,24 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from shapely import Point, Polygon
 
 from fdjax.errors import InputError
-from fdjax.grid.base import AbstractGridMap, Sides
-from fdjax.grid.conformal import chart
 from fdjax.grid.continuation import Continuation
-from fdjax.grid.polar import Polar
 from fdjax.grid.solvers import SOR, AbstractSolver, Multigrid, Newton
 from fdjax.grid.spacing import fit_log_density
 from fdjax.keys import FLAG, choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
-from fdjax.part.annulus import ROUND, Annulus, Circle, between_circles
 from fdjax.part.part import Part
-from fdjax.part.patch import Patch, from_polygon
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
 from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
+from fdjax.pattern.map_domain import Domain, domain_of
 from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS
 from fdjax.pattern.width import free_of
 from fdjax.road.bead import section_area
@@ -64,12 +59,6 @@ PLAY = {"play": 0.45}
 
 INSIDE = 0.4
 """Share of the material in the middle of a disc that eta lines bring; the rest xi lines do."""
-
-VERTICES = 64
-"""Most vertices of an outline that is mapped conformally."""
-
-CONFORMAL = 1e-6
-"""By what share of its size a conformal map may miss its vertices."""
 
 HALVED = 8
 """The eta lines of a disc are a multiple of this, so that every second one can end three times."""
@@ -205,7 +194,7 @@ class MapLines(AbstractSettings):
         Raises `InputError` for a part of several regions, a target that varies along z, and one
         beyond what spacing and span allow.
         """
-        domain = self._domain(part, target)
+        domain = domain_of(self.map, part, target, self.road_width)
         height = part.slabs[0].height
         stacking = self.stacking(len(part.slabs))
         play = PLAY if "spacing_field" in self.controls else {}
@@ -260,20 +249,7 @@ class MapLines(AbstractSettings):
         skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
         return eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
 
-    def _domain(self, part: Part, target: Target) -> "_Domain":
-        """What the map is of. Raises `InputError` for a part that it cannot be of."""
-        polygon = _polygon_of(part, target)
-        if self.map == "conformal":
-            return _conformal(part.patch or from_polygon(polygon))
-        if self.map not in CLOSED:
-            patch = part.patch or from_polygon(polygon)
-            return _Domain(Sides.of(patch), patch.outline)
-        if self.map == "polar":
-            return _polar(polygon, self.road_width)
-        annulus = Annulus.of(polygon, f'map "{self.map}"')
-        return _Domain(_sides_of(annulus), Polygon(polygon.exterior), closed=True)
-
-    def _apart(self, domain: "_Domain", target: Target, stacking: Stacking, height: float) -> float:
+    def _apart(self, domain: Domain, target: Target, stacking: Stacking, height: float) -> float:
         """How near eta lines come to each other in the middle of a disc, mm.
 
         So that they bring `INSIDE` of the material that is asked there, or as near as roads can.
@@ -284,7 +260,7 @@ class MapLines(AbstractSettings):
         lines = KEPT * stacking.layer_share("eta") * float(section_area(width, height)) / height
         return max(width, lines / (INSIDE * max(solid, 1e-6)))
 
-    def _first(self, start: Start, domain: "_Domain", limits: Limits, window: float) -> Controls:
+    def _first(self, start: Start, domain: Domain, limits: Limits, window: float) -> Controls:
         """The controls to start from; those not asked for are None."""
         controls, knots = self.controls, self.knots
         if knots is None:
@@ -312,7 +288,7 @@ class MapLines(AbstractSettings):
         each = zip(self.stretching, self.strengths, strict=True)
         return jnp.asarray([STRETCHINGS[name].free(strength) for name, strength in each])
 
-    def _crowding(self, start: Start, domain: "_Domain", window: float) -> tuple[Any, Any]:
+    def _crowding(self, start: Start, domain: Domain, window: float) -> tuple[Any, Any]:
         """Log densities of both families: along their own axis, and, as a field, across it."""
         found = []
         for k, (most, rows) in enumerate(zip(*FIELD, strict=True)):
@@ -326,94 +302,9 @@ class MapLines(AbstractSettings):
         return found[0], found[1]
 
 
-@dataclass(frozen=True, eq=False)
-class _Domain:
-    """What a map is of.
-
-    - `sides`: on a ring `left` and `right` are closed, `bottom` and `top` both the cut.
-    - `cut_out`: a polygon whose holes are cut out of the lines.
-    - `closed`, `disc`, `base`: as of `GridLines`.
-    """
-
-    sides: Sides
-    cut_out: Polygon
-    closed: bool = False
-    disc: bool = False
-    base: AbstractGridMap | None = None
-
-    @cached_property
-    def lengths(self) -> tuple[float, float]:
-        """Length of the longer of bottom and top, and of left and right, mm."""
-
-        def length(side: Any) -> float:
-            return float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
-
-        sides = self.sides
-        return max(map(length, (sides.bottom, sides.top))), max(
-            map(length, (sides.left, sides.right))
-        )
-
-
-def _sides_of(annulus: Annulus) -> Sides:
-    return Sides(annulus.cut, annulus.outline, annulus.cut, annulus.hole)
-
-
-def _conformal(patch: Patch) -> _Domain:
-    """The conformal map of a polygon, its parameter problem solved."""
-    sides = (patch.bottom, patch.right, patch.top.reversed(), patch.left.reversed())
-    runs = [side.polyline()[:-1] for side in sides]
-    vertices = np.concatenate(runs)
-    if len(vertices) > VERTICES:
-        raise InputError(
-            f'part: its outline has {len(vertices)} vertices; map "conformal" takes at most '
-            f'{VERTICES}: give fewer, or use map "elliptic"'
-        )
-    first = np.cumsum([0, *map(len, runs)]).tolist()
-    base, error = chart(vertices, (first[0], first[1], first[2], first[3]))
-    if not error < CONFORMAL:
-        raise InputError(
-            f"part: the conformal map of its outline is wrong by {error:.1g} of its size: it is "
-            'too long or too thin for one; use map "elliptic" or pattern kind "isolines"'
-        )
-    return _Domain(base.sides, patch.outline, base=base)
-
-
-def _polar(polygon: Polygon, width: float) -> _Domain:
-    """A disc or a ring between two circles; other holes of a disc are cut out."""
-    need = 'map "polar" needs a disc, or a ring between two circles about one centre'
-    outer = Circle.of(polygon.exterior)
-    if outer is None:
-        raise InputError(f'part: its outline is no circle; {need}; "o-elliptic" takes any ring')
-    holes = list(polygon.interiors)
-    about = [k for k, hole in enumerate(holes) if Polygon(hole).contains(Point(outer.centre))]
-    inner = Circle(outer.centre, width / 2)
-    if about:
-        (k,) = about
-        found = Circle.of(holes.pop(k))
-        if found is None or np.hypot(*(found.centre - outer.centre)) > ROUND * outer.radius:
-            raise InputError(f"part: its hole is no circle about its centre; {need}")
-        inner = Circle(outer.centre, found.radius)
-    base = Polar(jnp.asarray(outer.centre), inner.radius, outer.radius)
-    sides = _sides_of(between_circles(inner, outer))
-    cut_out = Polygon(polygon.exterior, holes)
-    return _Domain(sides, cut_out, closed=True, disc=not about, base=base)
-
-
 @eqx.filter_jit
 def _skew(pattern: GridLines) -> Any:
     return pattern.skew(pattern.realise(pattern.first))
-
-
-def _polygon_of(part: Part, target: Target) -> Polygon:
-    """The part's one region."""
-    need = 'lines of a map need four sides on all layers; use pattern kind "isolines"'
-    if target.varies_in_z:
-        raise InputError(f"target: varies along z; {need}")
-    heights = {slab.height for slab in part.slabs}
-    polygon, *more = part.slabs[0].region.polygons
-    if len(part.regions) > 1 or len(heights) > 1 or more:
-        raise InputError(f"part: its layers differ, or hold several polygons; {need}")
-    return polygon
 
 
 def _pair(values: Iterable[float]) -> tuple[float, float]:

@@ -1,0 +1,124 @@
+"""What a map of the unit square is of: four sides, a ring or a disc."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from shapely import Point, Polygon
+
+from fdjax.errors import InputError
+from fdjax.grid.base import AbstractGridMap, Sides
+from fdjax.grid.conformal import chart
+from fdjax.grid.polar import Polar
+from fdjax.part.annulus import ROUND, Annulus, Circle, between_circles
+from fdjax.part.part import Part
+from fdjax.part.patch import Patch, from_polygon
+from fdjax.pattern.maps import CLOSED
+from fdjax.target.target import Target
+
+VERTICES = 64
+"""Most vertices of an outline that is mapped conformally."""
+
+CONFORMAL = 1e-6
+"""By what share of its size a conformal map may miss its vertices."""
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """What a map is of.
+
+    - `sides`: on a ring `left` and `right` are closed, `bottom` and `top` both the cut.
+    - `cut_out`: a polygon whose holes are cut out of the lines.
+    - `closed`, `disc`, `base`: as of `GridLines`.
+    """
+
+    sides: Sides
+    cut_out: Polygon
+    closed: bool = False
+    disc: bool = False
+    base: AbstractGridMap | None = None
+
+    @cached_property
+    def lengths(self) -> tuple[float, float]:
+        """Length of the longer of bottom and top, and of left and right, mm."""
+
+        def length(side: Any) -> float:
+            return float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
+
+        sides = self.sides
+        return max(map(length, (sides.bottom, sides.top))), max(
+            map(length, (sides.left, sides.right))
+        )
+
+
+def domain_of(kind: str, part: Part, target: Target, road_width: float) -> Domain:
+    """What a map of this kind is of. Raises `InputError` for a part that it cannot be of."""
+    polygon = _polygon_of(part, target)
+    if kind == "conformal":
+        return _conformal(part.patch or from_polygon(polygon))
+    if kind not in CLOSED:
+        patch = part.patch or from_polygon(polygon)
+        return Domain(Sides.of(patch), patch.outline)
+    if kind == "polar":
+        return _polar(polygon, road_width)
+    annulus = Annulus.of(polygon, f'map "{kind}"')
+    return Domain(_sides_of(annulus), Polygon(polygon.exterior), closed=True)
+
+
+def _polygon_of(part: Part, target: Target) -> Polygon:
+    """The part's one region."""
+    need = 'lines of a map need four sides on all layers; use pattern kind "isolines"'
+    if target.varies_in_z:
+        raise InputError(f"target: varies along z; {need}")
+    heights = {slab.height for slab in part.slabs}
+    polygon, *more = part.slabs[0].region.polygons
+    if len(part.regions) > 1 or len(heights) > 1 or more:
+        raise InputError(f"part: its layers differ, or hold several polygons; {need}")
+    return polygon
+
+
+def _sides_of(annulus: Annulus) -> Sides:
+    return Sides(annulus.cut, annulus.outline, annulus.cut, annulus.hole)
+
+
+def _conformal(patch: Patch) -> Domain:
+    """The conformal map of a polygon, its parameter problem solved."""
+    sides = (patch.bottom, patch.right, patch.top.reversed(), patch.left.reversed())
+    runs = [side.polyline()[:-1] for side in sides]
+    vertices = np.concatenate(runs)
+    if len(vertices) > VERTICES:
+        raise InputError(
+            f'part: its outline has {len(vertices)} vertices; map "conformal" takes at most '
+            f'{VERTICES}: give fewer, or use map "elliptic"'
+        )
+    first = np.cumsum([0, *map(len, runs)]).tolist()
+    base, error = chart(vertices, (first[0], first[1], first[2], first[3]))
+    if not error < CONFORMAL:
+        raise InputError(
+            f"part: the conformal map of its outline is wrong by {error:.1g} of its size: it is "
+            'too long or too thin for one; use map "elliptic" or pattern kind "isolines"'
+        )
+    return Domain(base.sides, patch.outline, base=base)
+
+
+def _polar(polygon: Polygon, width: float) -> Domain:
+    """A disc or a ring between two circles; other holes of a disc are cut out."""
+    need = 'map "polar" needs a disc, or a ring between two circles about one centre'
+    outer = Circle.of(polygon.exterior)
+    if outer is None:
+        raise InputError(f'part: its outline is no circle; {need}; "o-elliptic" takes any ring')
+    holes = list(polygon.interiors)
+    about = [k for k, hole in enumerate(holes) if Polygon(hole).contains(Point(outer.centre))]
+    inner = Circle(outer.centre, width / 2)
+    if about:
+        (k,) = about
+        found = Circle.of(holes.pop(k))
+        if found is None or np.hypot(*(found.centre - outer.centre)) > ROUND * outer.radius:
+            raise InputError(f"part: its hole is no circle about its centre; {need}")
+        inner = Circle(outer.centre, found.radius)
+    base = Polar(jnp.asarray(outer.centre), inner.radius, outer.radius)
+    sides = _sides_of(between_circles(inner, outer))
+    cut_out = Polygon(polygon.exterior, holes)
+    return Domain(sides, cut_out, closed=True, disc=not about, base=base)
