@@ -18,6 +18,9 @@ _NEIGHBOURS = 8
 _LONGEST_MOVE = 3
 """So many roads at most are moved together to another place in the order."""
 
+_STARTS = 8
+"""From the ends of so many roads at most a free start is tried."""
+
 _FEW = 50
 """With more roads than this only the better of the nearest first and the order as given is
 shortened."""
@@ -35,7 +38,7 @@ def reversed_road(road: Road) -> Road:
 def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> list[Road]:
     """Put roads in an order of little travel, each either way round.
 
-    The nearest end comes next, from the point `start` (by default where the first road starts),
+    The nearest end comes next, from the point `start` or, where none is given, from any road's end;
     or the roads stay in the order as given; then, while one shortens the travel, stretches of the
     order are turned round (Croes 1958, 2-opt) and up to three roads together are put elsewhere
     (Or 1976), so that an end lies next to one of its neighbours. Never more travel than in the
@@ -44,8 +47,9 @@ def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> lis
     if not roads:
         return []
     ends = np.stack([road.path[[0, -1]] for road in roads])
-    begin = ends[0, 0] if start is None else np.asarray(start, float)
-    orders = _nearest_first(ends, begin), list(range(2 * len(roads)))
+    begin = None if start is None else np.asarray(start, float)
+    begins = ends.reshape(-1, 2)[: 2 * _STARTS] if begin is None else [begin]
+    orders = [_nearest_first(ends, at) for at in begins] + [list(range(2 * len(roads)))]
     tours = [_Tour(ends, begin, met) for met in orders]
     if len(roads) > _FEW:
         tours = [min(tours, key=_Tour.travel)]
@@ -85,16 +89,16 @@ def _neighbours(ends: Floats) -> list[list[int]]:
 
 
 class _Tour:
-    """An order of ends: the head's place, each road's first and last end, and no place at last.
+    """An order of ends: the head's place or none, each road's first and last end, and none at last.
 
     `stops[k]` is the end met at k: roads start at odd k and finish at even k.
     """
 
-    def __init__(self, ends: Floats, begin: Floats, met: list[int]) -> None:
+    def __init__(self, ends: Floats, begin: Floats | None, met: list[int]) -> None:
         self._none = 2 * len(ends) + 1
-        points = np.vstack([ends.reshape(-1, 2), begin])
+        points = ends.reshape(-1, 2) if begin is None else np.vstack([ends.reshape(-1, 2), begin])
         self._point: list[complex] = (points[:, 0] + 1j * points[:, 1]).tolist()
-        self.stops = [self._none - 1, *met, self._none]
+        self.stops = [self._none - (begin is not None), *met, self._none]
         self._at = [0] * (self._none + 1)
         self._count(0, len(self.stops))
 
@@ -103,7 +107,7 @@ class _Tour:
             self._at[self.stops[place]] = place
 
     def _gap(self, a: int, b: int) -> float:
-        """Travel between two ends; none beyond the last."""
+        """Travel between two ends; none beyond the last, nor before the first of a free start."""
         if a == self._none or b == self._none:
             return 0.0
         return abs(self._point[a] - self._point[b])
