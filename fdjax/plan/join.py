@@ -1,7 +1,7 @@
 """Which ends of a family's pieces are joined along the walls, and by what way."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,9 @@ OWN_TURN = 2.0
 LONGEST_CUT = 10.0
 """So many road widths a line may end early for that."""
 
+FURTHER = 1.5
+"""Joins may be so many times as long as is usual where that saves travel."""
+
 
 @dataclass(frozen=True, eq=False)
 class Way:
@@ -29,12 +32,14 @@ class Way:
 
     - `ends`: end `2 p` is where piece p starts, `2 p + 1` where it finishes.
     - `xy`: from the first end to the second, mm; `length` along the wall, mm.
+    - `far`: longer than is usual.
     - `cut`: by how much the two pieces end early, mm.
     """
 
     ends: tuple[int, int]
     xy: Floats
     length: float
+    far: bool = False
     cut: tuple[float, float] = (0.0, 0.0)
 
 
@@ -84,6 +89,8 @@ def choose(
        Where all but every second, fourth ... level was thinned out, those count as neighbours.
     2. Ends still free, of whatever levels, where that closes no ring.
 
+    No join that is `far` is made.
+
     - `level`: of each piece; `near`: pairs of ways too near each other to be both made.
     """
     chosen: list[int] = []
@@ -104,7 +111,7 @@ def choose(
     def make(numbers: Iterable[int]) -> None:
         for number in numbers:
             i, j = ways[number].ends
-            if i in taken or j in taken or number in barred:
+            if ways[number].far or i in taken or j in taken or number in barred:
                 continue
             first, second = root(i // 2), root(j // 2)
             if first == second:
@@ -138,7 +145,8 @@ def ways_along(
     """All joins that could be made, shortest first, and pairs of them that cannot be both made.
 
     A join runs along the wall between two ends that are neighbours on it. It is at most
-    `longest_join` mm long and at most `lift_length` mm longer than the straight way. It keeps
+    `longest_join` mm long and at most `lift_length` mm longer than the straight way, or `far` and
+    not more than `FURTHER` times as much. It keeps
     `APART` widths from every other road, and from the two that it joins beyond its own turn: where
     a line meets the wall at so small an angle that it would not, the line ends early and the join
     starts across the wedge.
@@ -165,12 +173,13 @@ class _Finder:
     ) -> tuple[list[Way], set[tuple[int, int]]]:
         ways = []
         for i, j, number, a, b in self._gaps():
-            if b - a > longest_join:
-                continue
-            start, end = self._xy(i), self._xy(j)
-            if b - a <= lift_length + np.hypot(*(end - start)):
+            length, start, end = b - a, self._xy(i), self._xy(j)
+            detour = length - np.hypot(*(end - start))
+            if length <= FURTHER * longest_join and detour <= FURTHER * lift_length:
                 corners = self.walls.rings[number].corners(a, b)
-                ways.append(Way((i, j), np.concatenate([[start], corners, [end]]), b - a))
+                xy = np.concatenate([[start], corners, [end]])
+                far = length > longest_join or detour > lift_length
+                ways.append(Way((i, j), xy, length, far))
         if not ways:
             return [], set()
         ways.sort(key=lambda way: way.length)
@@ -308,7 +317,7 @@ def _shortened(way: Way, points: Sequence[Floats | None], cut: Sequence[float]) 
     begin = [] if points[0] is None else [points[0]]
     end = [] if points[1] is None else [points[1]]
     xy = np.array([*begin, reached[0], *inner, reached[1], *end])
-    return Way(way.ends, xy, way.length, (cut[0], cut[1]))
+    return replace(way, xy=xy, cut=(cut[0], cut[1]))
 
 
 def _overlaps(taken: list[tuple[float, float]], a: float, b: float, length: float) -> bool:

@@ -21,7 +21,7 @@ from fdjax.road.stroke import LONGEST_JOIN, Lines
 
 Floats = NDArray[np.float64]
 
-WORTH_OTHER_PARITY = 15.0
+WORTH_OTHER_PARITY = 10.0
 """Travel, mm, that a layer of the other parity than asked must save."""
 
 
@@ -47,7 +47,8 @@ def lay_lines(
     the two ends.
 
     - `lift_length`: a join may be so much longer than the straight way, mm.
-    - `longest_join`: along the wall, mm; None: `LONGEST_JOIN`.
+    - `longest_join`: along the wall, mm; None: `LONGEST_JOIN`. Where that saves travel, joins
+      exceed both by half.
     - `least_spacing`: of centre lines, mm; None: the mean of the two roads' widths.
     - `least_road`: shorter roads are not laid, mm; nor any of less than `SHORTEST_ROAD` widths.
     - `tolerance`: points within this of a straight road are dropped, mm.

@@ -18,15 +18,15 @@ class Relinked(NamedTuple):
     travel: float
 
 
-_FURTHEST = 24
+_FURTHEST = 60
 """So many joins at most are made anew, one after the other, before travel must be less."""
 
 _MOST_ROADS = 16
 """With more roads than this free ends are too many to be tried."""
 
-_UNEVEN = 2.0
-"""Each mm of wall that is covered otherwise than was asked must save so many mm of travel: as they
-were asked for the joins of all layers cover the walls evenly."""
+_UNEVEN = 0.5
+"""So many mm of travel must be saved by each mm of wall that is covered otherwise than was asked:
+the joins that were asked for cover the walls evenly over all layers."""
 
 
 def relinked(
@@ -39,8 +39,9 @@ def relinked(
     """The ways that are made, with less travel between the roads where that can be had.
 
     A free end moves along its wall when it takes the partner of a neighbour, whose partner is then
-    free; where it comes to a free end of another road the two are joined. The free ends are so
-    moved, one after the other, while travel and lifts get less. Never a ring.
+    free; where it comes to a free end of another road the two are joined, by a way that is `far` if
+    need be. The free ends are so moved, one after the other, while travel and lifts get less. Never
+    a ring.
 
     - `chosen`: numbers of the ways that are made; `near`: pairs of ways of which one excludes the
       other; `points`: of all ends, shape (ends, 2), mm.

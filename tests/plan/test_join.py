@@ -8,6 +8,7 @@ from shapely import LineString, Point, Polygon, box
 from fdjax.errors import InputError
 from fdjax.plan.check import check
 from fdjax.plan.cut import cut_lines
+from fdjax.plan.join import FURTHER
 from fdjax.plan.lines import lay_lines
 from fdjax.plan.room import Room
 from fdjax.plan.toolpath import Build, Layer
@@ -130,9 +131,11 @@ def test_join_only_where_shorter_than_lifting():
     # Along the notches it is 1.8 + 8 + 4.4 + 8 + 1.8 = 24 mm, straight across 8 mm.
     notched = PLATE.difference(box(18, 22, 22, 31)).difference(box(18, -1, 22, 8))
     lines = [np.array([(x, 0.0), (x, 30.0)]) for x in (16, 24)]
-    assert len(laid(lines, notched, width=0.4, lift_length=15.9)) == 2
-    (road,) = laid(lines, notched, width=0.4, lift_length=16.1)
+    # By half as much again, for here that saves all travel.
+    assert len(laid(lines, notched, width=0.4, lift_length=15.9 / FURTHER)) == 2
+    (road,) = laid(lines, notched, width=0.4, lift_length=16.1 / FURTHER)
     assert road.length == pytest.approx(2 * 29.6 + 24)
+    assert len(laid(lines, notched, width=0.4, lift_length=20, longest_join=23.9 / FURTHER)) == 2
     assert clearance([road], notched) > 0.2 - 1e-9
 
 

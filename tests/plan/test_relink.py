@@ -77,3 +77,12 @@ def test_two_free_ends_that_meet_are_joined(lift) -> None:
     found = relinked(ways, [0], set(), points, lift)
     assert len(found.joins.runs(3)) == 1
     assert found.travel == pytest.approx(lift)
+
+
+def test_a_far_way_is_made_only_for_less_travel() -> None:
+    points = np.array([(0.0, 0), (0, 9), (1, 0), (1, 9)])
+    ways = [Way((0, 2), points[[0, 2]], 1.0), Way((1, 3), points[[1, 3]], 1.0, far=True)]
+    assert choose(ways, [0, 1], 0, set()) == [0]
+    assert len(relinked(ways, [], set(), points, 4.0).joins.runs(2)) == 1
+    assert choose(ways[1:], [0, 1], 0, set()) == []
+    assert len(relinked(ways[1:], [], set(), points, 4.0).joins.runs(2)) == 1
