@@ -6,15 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import Geometry, MultiPolygon, Polygon, STRtree
+from shapely import MultiPolygon, Polygon, STRtree
 
 MITRE = 1.5
 """Corners of an inset reach no further than this many margins: up to 84 degrees they stay sharp."""
+
+_GROWTH = 1.5
+"""Of the steps of an inset: quickest of 1.5 and 2 on outlines of 100,000 noisy points."""
 
 _ROUND = 16
 """Segments of a quarter circle; a disc of them is smaller by 0.12 %."""
 _SLACK = 0.01
 """Share of a radius that makes up for that, and below which a width is none."""
+
+_TOUCHING = 1e-9
+"""Rounding of places, mm."""
 
 
 class Neck(NamedTuple):
@@ -28,18 +34,20 @@ class Neck(NamedTuple):
     depth: float = np.inf
 
 
-def inset(region: Polygon | MultiPolygon, margin: float) -> list[Polygon]:
+def inset(region: Polygon | MultiPolygon, margin: float, *, mitre: float = MITRE) -> list[Polygon]:
     """The polygons of what is at least `margin` mm inside; none where nothing is.
 
     Where edges are much shorter than the margin, its offsets cross each other many times; going
-    in by steps that double, from the length of an edge, ends at the same place much sooner.
+    in by steps that grow, from a part of an edge's length, ends at the same place much sooner.
+
+    - `mitre`: corners reach no further than this many margins.
     """
     room, left = region, margin
-    step = region.length / shapely.get_num_coordinates(region)
+    step = region.length / shapely.get_num_coordinates(region) / 4
     while left > 0 and not room.is_empty:
-        now = left if left < 2 * step else step
-        room = shapely.buffer(room, -now, join_style="mitre", mitre_limit=MITRE)
-        left, step = left - now, 2 * step
+        now = left if left < _GROWTH * step else step
+        room = shapely.buffer(room, -now, join_style="mitre", mitre_limit=mitre)
+        left, step = left - now, _GROWTH * step
     return [part for part in shapely.get_parts(room) if part.area > 0]
 
 
@@ -67,17 +75,22 @@ def necks(polygon: Polygon, width: float) -> Iterator[Neck]:
     reached = [part.buffer(reach * (1 + _SLACK), quad_segs=_ROUND) for part in parts]
     yield from _pinches(polygon, reached, reach)
     opened = shapely.union_all(reached)
-    lost = shapely.get_parts(polygon.difference(opened))
+    lost = shapely.get_parts(shapely.difference(polygon, opened))
     lost = lost[shapely.length(lost) > 4 * _SLACK * reach]
+    walls = shapely.get_parts(shapely.line_merge(shapely.difference(polygon.boundary, opened)))
+    middles = shapely.line_interpolate_point(walls, 0.5, normalized=True)
+    wall, own = STRtree(lost).query(middles, predicate="dwithin", distance=_TOUCHING)
+    between = np.bincount(own, minlength=len(lost)) > 1
+    points, piece = shapely.get_coordinates(lost, return_index=True)
+    points = shapely.points(points)
     shapely.prepare(opened)
-    near = opened.buffer(_SLACK * reach)
-    walls = shapely.line_merge(shapely.difference(shapely.boundary(lost), near))
-    for piece, wall in zip(lost, walls, strict=True):
-        sides = shapely.get_parts(wall)
-        if len(sides) > 1:
-            yield _narrowest(sides)
-        elif (depth := _depth(opened, piece)) > width:
-            yield widest(piece)._replace(depth=depth)
+    deep = ~shapely.dwithin(opened, points, width)
+    for number in np.unique([*np.flatnonzero(between), *piece[deep]]):
+        if between[number]:
+            yield _narrowest(walls[wall[own == number]])
+        else:
+            depth = shapely.distance(opened, points[deep & (piece == number)]).max()
+            yield widest(lost[number])._replace(depth=float(depth))
 
 
 def _pinches(polygon: Polygon, reached: list[Polygon], reach: float) -> Iterator[Neck]:
@@ -99,8 +112,3 @@ def _narrowest(sides: np.ndarray) -> Neck:
     way = min(ways, key=shapely.length)
     x, y = shapely.get_coordinates(way).mean(0).tolist()
     return Neck(x, y, way.length)
-
-
-def _depth(opened: Geometry, piece: Geometry) -> float:
-    """How far the furthest point of a piece is from what roads reach, mm."""
-    return float(shapely.distance(opened, shapely.points(shapely.get_coordinates(piece))).max())

@@ -294,3 +294,17 @@ def test_a_precision_grid_does_not_rule(tmp_path):
     assert Region.of(plain, holes=[shapely.set_precision(box(5, 5, 7, 7), 1)]).inset(
         0.1
     ).area == pytest.approx(19.8**2 - 2.2**2)
+
+
+@pytest.mark.parametrize("amplitude", [5e-4, 2e-3, 5e-3, 0.02])
+def test_a_noisy_wall_is_no_neck_and_hides_none(amplitude) -> None:
+    # As scans and slices of meshes have them: edges far shorter than a road is wide.
+    angle = 2 * np.pi * np.arange(20_000) / 20_000
+    noise = amplitude * np.random.default_rng(3).normal(size=len(angle))
+    radius = 35 + 5 * np.sin(5 * angle) + noise
+    flower = Polygon(np.stack([radius * np.cos(angle), radius * np.sin(angle)], 1))
+    assert Region.of(flower).necks(0.4) == []
+    bridged = shapely.union_all([flower, box(30, -0.15, 60, 0.15), box(50, -5, 60, 5)])
+    (place,) = Region.of(bridged).necks(0.4)
+    assert 40 < place.x < 50
+    assert place.width == pytest.approx(0.3)
