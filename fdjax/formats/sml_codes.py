@@ -99,7 +99,9 @@ def steps_of(road: Road, origin: Floats) -> Ints:
 
 
 def _lasting(steps: Ints, width: Floats) -> tuple[Ints, Floats]:
-    """The path without points that repeat or that rounding has put a step or two straight back."""
+    """The path without points that repeat or that rounding has put a step or two back, straight or
+    so that the path crosses itself there.
+    """
     while True:
         moved = (np.diff(steps, axis=0) != 0).any(axis=1)
         steps, width = np.vstack([steps[:1], steps[1:][moved]]), width[moved]
@@ -108,13 +110,31 @@ def _lasting(steps: Ints, width: Floats) -> tuple[Ints, Floats]:
         back = (before * after).sum(1) < 0
         straight = before[:, 0] * after[:, 1] == before[:, 1] * after[:, 0]
         short = np.minimum(np.abs(before).max(1), np.abs(after).max(1)) <= _SPIKE
-        spikes = np.flatnonzero(back & straight & short)
+        spikes = np.flatnonzero(back & (straight | _hooked(steps)) & short)
         if not len(spikes):
             return steps, width
         # One at a time: the next may be none without it.
         k = spikes[0]
         shorter = k + int(np.abs(before[k]).max() >= np.abs(after[k]).max())
         steps, width = np.delete(steps, k + 1, axis=0), np.delete(width, shorter)
+
+
+def _hooked(steps: Ints) -> NDArray[np.bool_]:
+    """Of each inner point of a path: whether the segment before the two at it, or the one after
+    them, meets the further one of the two.
+    """
+    a, b, c, d = steps[:-3], steps[1:-2], steps[2:-1], steps[3:]
+    meets = (_side(a, b, c) * _side(a, b, d) <= 0) & (_side(c, d, a) * _side(c, d, b) <= 0)
+    hooked = np.zeros(max(len(steps) - 2, 0), bool)
+    hooked[: len(meets)] |= meets
+    hooked[1 : len(meets) + 1] |= meets
+    return hooked
+
+
+def _side(a: Ints, b: Ints, c: Ints) -> Ints:
+    """1, 0 or -1: to the left of the way from a to b, on its line, or to the right, lies c."""
+    along, to = b - a, c - a
+    return np.sign(along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0])
 
 
 def codes_of(road: Road, height: float, sml: Sml) -> Ints:

@@ -6,6 +6,7 @@ import pytest
 from format_samples import builds, pairs, small_build
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shapely import LineString
 
 from fdjax.errors import InputError
 from fdjax.formats import profile, sml
@@ -58,6 +59,19 @@ def test_rounding_turns_no_corner_back_onto_its_road(turn):
     assert not (straight & ((steps[:-1] * steps[1:]).sum(1) < 0)).any()
     assert len(road.width) == len(steps) == 3
     np.testing.assert_allclose(road.path[[0, -1]], xy[[0, -1]], atol=MICROSTEP)
+
+
+@pytest.mark.parametrize("turn", range(4))
+def test_rounding_hooks_no_road_across_itself(turn):
+    # A line that meets a wall at a small angle, and goes back along it: a step beside itself.
+    hook = np.array([(1.4, -31), (0.3, 0.3), (0.4, -0.6), (1.4, -2.4), (3, -6)])
+    around = np.array([(0, -1), (1, 0)])
+    for xy in (hook, hook[::-1], hook * (-1, 1)):
+        assert LineString(xy).is_simple
+        placed = MICROSTEP * (xy @ np.linalg.matrix_power(around, turn) + 2000)
+        (road,) = fitted_roads(Road(placed, 0.4 + 0.05 * np.arange(4)))
+        assert LineString(road.path).is_simple
+        np.testing.assert_allclose(road.path[[0, -1]], placed[[0, -1]], atol=MICROSTEP)
 
 
 @settings(max_examples=40, deadline=None)
