@@ -72,6 +72,7 @@ def test_a_question_for_heat_is_answered_once(machine, answers):
         ("T7", (0, 0), ["echo:T7 Invalid extruder"]),
         ("X10", (0, 0), ['echo:Unknown command: "X10"']),
         ("G4 P1 S0", (0, 0), []),
+        ("\tN7 G1 X10", (0, 0), ['echo:Unknown command: "\tN7 G1 X10"']),  # damaged before its N
     ],
 )
 def test_marlin_reads_as_it_does(line, end, says):
