@@ -257,6 +257,7 @@ def _stand(record: Record, words: Parameters) -> None:
         float(words.get(axis, str(place))) for axis, place in zip("XYZ", record.on_bed, strict=True)
     )
     record.on_bed = (x, y, z)
+    record.objects = record.objects.stand(record.on_bed)
     record.homed |= frozenset("XYZ")
     record.know(words.keys())
 

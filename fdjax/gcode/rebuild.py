@@ -127,6 +127,29 @@ def modes(state: Saved | Record, *, extruder: bool) -> list[str]:
     return found + (["M83" if state.relative_e else "M82"] if extruder else [])
 
 
+def leave_out(record: Record) -> list[str]:
+    """Leave out again the objects that the file had left out."""
+    command = "EXCLUDE_OBJECT NAME=" if _named(record) else "M486 P"
+    return [f"{command}{name}" for name in sorted(record.objects.left_out)]
+
+
+def out_of_object(record: Record) -> list[str]:
+    """Leave an object whose moves are not made."""
+    if not record.objects.left_out:
+        return []
+    return ["EXCLUDE_OBJECT_END" if _named(record) else "M486 S-1"]
+
+
+def prime(record: Record, length: float, feed: float) -> list[str]:
+    """Push filament, in so many moves that Klipper leaves out what it was told to."""
+    times = 5 if record.objects.left_out and _named(record) else 1
+    return [push(record, length / times, feed)] * times
+
+
+def _named(record: Record) -> bool:
+    return "EXCLUDE_OBJECT" in record.firmware.kept
+
+
 def extruder_as_it_was(record: Record) -> list[str]:
     """Position of the filament, and all fans; in the modes of the record."""
     return [f"G92 E{record.e / record.e_scale:.7f}", *fans(record)]

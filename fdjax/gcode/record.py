@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 from fdjax.gcode.firmware import MARLIN, Firmware
+from fdjax.gcode.objects import Objects
 from fdjax.gcode.settings import Settings
 from fdjax.gcode.words import Refused
 from fdjax.moves import Point, Position
@@ -51,6 +52,8 @@ class Record:
     - `coldest`: the least temperature at which filament is pushed, where M302 said one.
     - `retracted`: whether G10 has pulled filament back and G11 not returned it.
     - `top`: the highest deposit so far, over the whole bed.
+    - `objects`: of the plate: where the file is among them, and which are left out. While the moves
+      of one are not made, `on_bed` is where the file is, not the head, but with Marlin.
     - `power`: of spindle or laser while on, `spindle`: the command that set it (M3, M4).
     - `homed`: axes that have been homed. `unknown`: axes whose coordinate the machine may have set
       otherwise: since homing, a change of tool or a command of its own, until the file says where
@@ -86,6 +89,7 @@ class Record:
     coldest: float | None = None
     retracted: bool = False
     top: float = 0.0
+    objects: Objects = Objects()
     fans: dict[int, float] = field(default_factory=dict)
     power: float = 0.0
     spindle: str = "M3"
@@ -96,7 +100,7 @@ class Record:
     gain: float = field(init=False, default=0.0)
     """mm^3 that a unit of E deposits."""
     direct: bool = field(init=False, default=True)
-    """Whether coordinates are absolute and in mm."""
+    """Whether coordinates are absolute and in mm, and moves are made as they stand."""
     unsure: bool = field(init=False, default=True)
     """Whether X, Y, Z or an absolute E is unknown."""
 
@@ -110,7 +114,7 @@ class Record:
         """Set some of scale, absolute and relative_e."""
         for name, value in modes.items():
             setattr(self, name, value)
-        self.direct = bool(self.absolute and self.scale == 1.0)
+        self.direct = bool(self.absolute and self.scale == 1.0 and not self.objects.followed)
         self._look()
 
     def know(self, axes: Set[str]) -> None:

@@ -96,7 +96,7 @@ class _Gcode(Commands):
         assert isinstance(state, GcodeState)
         # The steppers stay on: the position is needed to go on with the print.
         away = [*rebuild.DIRECT, *_rise(state, machine, _END_LIFT)] if state.placed else []
-        return [*self.off(state, machine), *away]
+        return [*self.off(state, machine), *rebuild.out_of_object(state), *away]
 
     def interrupt(self, facts: Mapping[str, str]) -> bytes:
         if facts.get("Cap:EMERGENCY_PARSER") == "1":
@@ -126,11 +126,17 @@ def within(place: Point, state: GcodeState, machine: Machine) -> Point:
 
 def _rise(state: GcodeState, machine: Machine, lift: float) -> list[str]:
     """Pull filament back and rise above all that stands."""
-    *_, height = within((0.0, 0.0, above(state, machine, lift)), state, machine)
     return [
         rebuild.push(state, -machine.stream.park_retract, _PUSH),
-        f"G1 Z{height:.3f} F600",
+        rise(state, above(state, machine, lift), state, machine),
     ]
+
+
+def rise(now: GcodeState, height: float, shifted: GcodeState, machine: Machine) -> str:
+    """Rise to a height over the bed, in the coordinates of `shifted`, from where the head waits."""
+    waits = now.objects.waits
+    x, y, z = within((*(waits or now.on_bed)[:2], height), shifted, machine)
+    return f"G1{f' X{x:.3f} Y{y:.3f}' if waits else ''} Z{z:.3f} F600"
 
 
 class _Grbl(Commands):

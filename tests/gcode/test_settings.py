@@ -194,7 +194,7 @@ def test_waits_are_the_firmwares(firmware, line, seconds):
         (GRBL, ["G4 S1"], "waits by G4 P alone"),
         (GRBL, ["G4"], "waits by G4 P alone"),
         (GRBL, ["G1 X1 F0"], "no speed"),
-        (MARLIN, ["M486 P2"], "M486 P2 is for a person"),
+        (KLIPPER, ["EXCLUDE_OBJECT CURRENT=1"], "no current object"),
         (KLIPPER, ["SET_VELOCITY_LIMIT ACCEL=a"], "must be numbers"),
     ],
 )

@@ -31,7 +31,7 @@ SETTINGS = {
             "M107 P1",
             "M141 S3{c}",
         ),
-        *("M104 T1 S19{c}", "M486 S{c}", "G60 S{c}", "M412 S1", "M211 S0", "M92 E9{c}"),
+        *("M104 T1 S19{c}", "G60 S{c}", "M412 S1", "M211 S0", "M92 E9{c}"),
     ],
     "rrf": [
         *("M201 X{a} E{a}:{a}", "M566 X{b}", "M204 P{a} T{a}", "M572 D0:1 S.0{c}", "M207 P0 S{c}"),
@@ -43,13 +43,19 @@ SETTINGS = {
         *("SET_PRESSURE_ADVANCE EXTRUDER=extruder1 ADVANCE=.0{c}", "M220 S{d}", "M221 S{d}"),
         *("SET_FAN_SPEED FAN=a SPEED=.{c}", "M106 S{d}", "M104 T1 S19{c}", "M107"),
         *("SET_GCODE_OFFSET Z=.0{c}", "SET_GCODE_OFFSET X_ADJUST=.1", "SAVE_GCODE_STATE NAME=n{c}"),
-        *(
-            "EXCLUDE_OBJECT_DEFINE NAME=o{c}",
-            "EXCLUDE_OBJECT_START NAME=o{c}",
-            "EXCLUDE_OBJECT_END",
-        ),
+        *("EXCLUDE_OBJECT_DEFINE NAME=n{c}",),
         *("BED_MESH_PROFILE LOAD=m{c}", "BED_MESH_CLEAR", "SET_RETRACTION RETRACT_LENGTH={c}"),
     ],
+}
+
+
+OBJECT = {
+    **dict.fromkeys(("marlin", "rrf"), ("M486 S{}", "M486 S-1")),
+    "klipper": ("EXCLUDE_OBJECT_START NAME=n{}", "EXCLUDE_OBJECT_END NAME=n{}"),
+}
+LEAVE_OUT = {
+    **dict.fromkeys(("marlin", "rrf"), "M486 P{}"),
+    "klipper": "EXCLUDE_OBJECT NAME=n{}",
 }
 
 
@@ -117,6 +123,9 @@ class Writer:
                 self.setting()
             if chance.random() < 0.5:
                 self.lines.append(f"T{chance.randrange(2)}")
+            inside, outside = OBJECT[self.firmware]
+            if chance.random() < 0.4:
+                self.lines.append(LEAVE_OUT[self.firmware].format(chance.randrange(3)))
             self.lines.append(f"G1 X{x} Y{y:.3f} Z39 F6000")
             place = x, y
             if chance.random() < 0.3:  # the object has coordinates of its own
@@ -127,6 +136,7 @@ class Writer:
                     f";LAYER:{layer}",
                     f"G1 X{x} Y{y:.3f} F6000",
                     f"G1 Z{layer * height:g}",
+                    inside.format(number),
                 ]
                 for _ in range(chance.randrange(3, 7)):
                     if chance.random() < 0.15:
@@ -134,7 +144,9 @@ class Writer:
                     if chance.random() < 0.1:
                         self.aside(x, round(y))
                     self.road(x + chance.uniform(0, 20), y + chance.uniform(0, 20))
-            self.lines.append(f"G1 X{x} Y{y:.3f}")
+                if chance.random() < 0.6:  # only some of the layers are said to be of the object
+                    self.lines.append(outside.format(number))
+            self.lines += [outside.format(number), f"G1 X{x} Y{y:.3f}"]
             if place != (x, y):
                 self.lines.append(f"G92 X{place[0]} Y{place[1]:.3f}")
         path.write_text("\n".join([*self.lines, "G1 Z50", "M104 S0"]) + "\n")
@@ -201,6 +213,7 @@ def like(state):
         found[f"saved {name}"] += [saved.speed]
         if not state.firmware.stacks:
             found[f"saved {name}"] += [saved.speed_factor, saved.e, *saved.shift, *saved.offset]
+    found["objects"] = (state.objects.current, state.objects.left_out, state.objects.skips)
     found["place"] = (state.x, state.y, state.z, state.e, *state.on_bed[:2])
     return found
 
@@ -278,7 +291,13 @@ def go_on(bench, reached):
     if stands is Standing.LOST:
         resume.must_be_saved(program, point)
     back = resume.way_back(
-        point, program.machine, stands, height=height, top=points.top, extruder=not grbl
+        point,
+        program.machine,
+        stands,
+        height=height,
+        top=points.top,
+        waits=points.waits,
+        extruder=not grbl,
     )
     stream.go_on(point, back)
     bench.moves.clear()

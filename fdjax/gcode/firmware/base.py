@@ -14,7 +14,6 @@ class Kept:
     - `over`: words, and the others that each puts out of force.
     - `ends`: commands whose setting this one puts out of force. `bare`: whether it sets something
       without a word.
-    - `person`: words by which a person intervenes, which have no place in a file.
     """
 
     by: tuple[str, ...] = ()
@@ -23,7 +22,6 @@ class Kept:
     over: Mapping[str, str] = field(default_factory=dict)
     ends: tuple[str, ...] = ()
     bare: bool = False
-    person: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -50,6 +48,8 @@ class Firmware:
     - `stands`: lines that say at which height the nozzle stands, without homing; `shifts_machine`:
       whether G92 says where the machine itself is, so that axes that it names count as homed, and
       soft end stops go with it.
+    - `skipping`: what becomes of the coordinates while the moves of an object that is left out are
+      not made: each of them "stays", or "goes on".
     - `save`, `restore`: commands that save the state and bring it back; `stacks`: without a name,
       the last one saved first. `saves_place`: whether the place is all that they save.
     - `kept`: settings by their commands; `harmless`: extended commands that do not move.
@@ -79,6 +79,7 @@ class Firmware:
     home_ends: tuple[str, ...] = ()
     stands: tuple[str, ...] = ("G92 Z{z:.3f}",)
     shifts_machine: bool = False
+    skipping: str = "goes on"
     save: str = ""
     restore: str = ""
     stacks: bool = False

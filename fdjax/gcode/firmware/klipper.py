@@ -66,6 +66,7 @@ KLIPPER = Firmware(
         "BED_MESH_PROFILE": Kept(once=("SAVE", "REMOVE"), ends=("BED_MESH_CLEAR",)),
         "BED_MESH_OFFSET": Kept(),
         "BED_MESH_CLEAR": Kept(ends=("BED_MESH_PROFILE",), bare=True),
+        "EXCLUDE_OBJECT": Kept(by=("NAME",), once=("RESET", "CURRENT")),
         "EXCLUDE_OBJECT_DEFINE": _BY_NAME,
         "EXCLUDE_OBJECT_START": Kept(),
         "EXCLUDE_OBJECT_END": Kept(once=("NAME",), ends=("EXCLUDE_OBJECT_START",)),
