@@ -113,6 +113,11 @@ class Objects:
         return self.current in self.left_out and not late
 
     @property
+    def pushes_counted(self) -> int:
+        """Of those that Klipper counts before it leaves anything out."""
+        return _STILL_MADE - self.transform.still_made if self.transform is not None else 0
+
+    @property
     def followed(self) -> bool:
         """Whether moves may be others than the file says."""
         return bool(self.left_out or self.waits or self.transform)

@@ -140,10 +140,20 @@ def out_of_object(record: Record) -> list[str]:
     return ["EXCLUDE_OBJECT_END" if _named(record) else "M486 S-1"]
 
 
+def into_object(record: Record) -> list[str]:
+    """Be in the object in which the file is."""
+    command = "EXCLUDE_OBJECT_START NAME=" if _named(record) else "M486 S"
+    return [command + record.objects.current] if record.objects.current else []
+
+
 def prime(record: Record, length: float, feed: float) -> list[str]:
-    """Push filament, in so many moves that Klipper leaves out what it was told to."""
-    times = 5 if record.objects.left_out and _named(record) else 1
-    return [push(record, length / times, feed)] * times
+    """Push filament, and leave out again the objects that the file had left out.
+
+    Klipper counts pushes until it does that: it is to have counted as many as in the record.
+    """
+    times = record.objects.pushes_counted
+    pushes = [push(record, length / max(times, 1), feed)] * max(times, 1)
+    return [*leave_out(record), *pushes] if times else [*pushes, *leave_out(record)]
 
 
 def _named(record: Record) -> bool:

@@ -89,7 +89,7 @@ class Record:
     coldest: float | None = None
     retracted: bool = False
     top: float = 0.0
-    objects: Objects = Objects()
+    objects: Objects = field(default_factory=Objects)
     fans: dict[int, float] = field(default_factory=dict)
     power: float = 0.0
     spindle: str = "M3"

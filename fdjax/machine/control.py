@@ -14,6 +14,7 @@ _TRAVEL = 6000.0
 _PUSH = 1800.0
 """mm/min."""
 _END_LIFT = 5.0
+_ROUNDING = 1e-3
 
 
 class Commands(ABC):
@@ -116,12 +117,19 @@ def above(state: GcodeState, machine: Machine, lift: float) -> float:
 
 
 def within(place: Point, state: GcodeState, machine: Machine) -> Point:
-    """Coordinates of a place on the bed, so far as the firmware's own limits let it go there."""
-    x, y, z = (at - by for at, by in zip(place, state.shift, strict=True))
-    if not state.firmware.shifts_machine:
-        return x, y, z
-    (a, b, c), (d, e, f) = machine.room
-    return min(max(x, a), d), min(max(y, b), e), min(max(z, c), f)
+    """Coordinates of a place on the bed, so far as the firmware's own limits let it go there.
+
+    Where they are shifted, it stays off the edges, which they may miss by their rounding.
+    """
+    if state.firmware.shifts_machine:
+        x, y, z = (at - by for at, by in zip(place, state.shift, strict=True))
+        (a, b, c), (d, e, f) = machine.room
+        return min(max(x, a), d), min(max(y, b), e), min(max(z, c), f)
+    x, y, z = (
+        min(max(at, low + _ROUNDING), high - _ROUNDING) - by if by else at
+        for at, by, low, high in zip(place, state.shift, *machine.room, strict=True)
+    )
+    return x, y, z
 
 
 def _rise(state: GcodeState, machine: Machine, lift: float) -> list[str]:

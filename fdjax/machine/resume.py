@@ -97,8 +97,13 @@ class Points:
 
     @property
     def kept(self) -> Point:
-        """Where a machine goes on that has made all moves, but does not stand there any more."""
-        return self._first([*reversed(self._before), *self._after])
+        """Where a machine goes on that has made all moves, but does not stand there any more.
+
+        Behind an object that is left out, not before it: settings that it brought hold already.
+        """
+        *before, last = self._before
+        before = [] if isinstance(last.state, GcodeState) else before
+        return self._first([last, *reversed(before), *self._after])
 
     @property
     def lost(self) -> Point:
@@ -180,8 +185,9 @@ def way_back(
 
     `height` is that of the nozzle now, mm above the bed; where the position is lost it is taken for
     true. `top` is what stands on the bed beyond what the file had laid down by the point; `waits`
-    is where the head stands, where it is not where the file is. It rises above all first. Only X and Y are homed, unless the machine stands where it
-    should: Z never is, as the part stands there. Raises `InputError` where that cannot be done.
+    is where the head stands, where it is not where the file is. It rises above all first. Only X
+    and Y are homed, unless the machine stands where it should: Z never is, as the part stands
+    there. Raises `InputError` where that cannot be done.
     """
     state = point.state
     if isinstance(state, SmlState):
@@ -216,13 +222,18 @@ def way_back(
         *([f"T{state.tool}"] if count > 1 else []),
         *rebuild.wait_for_heat(state),
         *rebuild.DIRECT,  # a change of tool may run a macro
-        *rebuild.leave_out(state),
-        *(rebuild.prime(state, machine.stream.park_retract, 300) if state.nozzle else []),
+        *(
+            rebuild.prime(state, machine.stream.park_retract, 300)
+            if state.nozzle
+            else rebuild.leave_out(state)
+        ),
         *(["G10"] if state.retracted and lost else []),
         f"G1 X{x:.3f} Y{y:.3f} F6000",
         f"G1 Z{z:.3f} F600",
-        *(rebuild.saved_states(state) if lost else []),
+        # A stack that is still there is not stacked again.
+        *(rebuild.saved_states(state) if lost or not (here or state.firmware.stacks) else []),
         *([] if here else rebuild.place(state)),
+        *rebuild.into_object(state),
         *rebuild.modes(state, extruder=True),
         *rebuild.extruder_as_it_was(state),
     ]

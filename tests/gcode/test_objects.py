@@ -49,7 +49,7 @@ def made(firmware, lines):
 def test_what_the_head_does_behind_an_object(firmware, lines, behind):
     moves, state = made(firmware, lines)
     before, _ = made(firmware, lines[: lines.index("G1 X40 E1")])
-    assert [move for move in moves[len(before) :]] == behind
+    assert moves[len(before) :] == behind
     assert state.top == max(z for _, (_, _, z), e in moves if e > 0)
 
 

@@ -52,7 +52,7 @@ def rebuilt(state, tools=1):
         (MARLIN, ["M204", "M205"], []),
         (MARLIN, ["M220 S80", "M221 T1 S92"], ["M220 S80", "M221 T1 S92"]),
         (MARLIN, ["M302 P1", "M302 S80"], ["M302 S80"]),
-        (MARLIN, ["M486 T3", "M486 S1", "M486 S2"], ["M486 T3 S2"]),
+        (MARLIN, ["M486 T3", "M486 S1", "M486 S2"], ["M486 T3"]),
         (REPRAP, ["M566 X600 Y600 E300:300", "M572 D0:1 S.05"], None),
         (REPRAP, ["M566 X600", "M566 Y300"], ["M566 X600 Y300"]),
         (REPRAP, ["G29", "G28"], ["G29 S1"]),
@@ -66,7 +66,7 @@ def rebuilt(state, tools=1):
         (
             KLIPPER,
             ["EXCLUDE_OBJECT_DEFINE NAME=a CENTER=1,2", "EXCLUDE_OBJECT_START NAME=a"],
-            ["EXCLUDE_OBJECT_DEFINE NAME=a CENTER=1,2", "EXCLUDE_OBJECT_START NAME=a"],
+            ["EXCLUDE_OBJECT_DEFINE NAME=a CENTER=1,2"],
         ),
         (KLIPPER, ["EXCLUDE_OBJECT_START NAME=a", "EXCLUDE_OBJECT_END NAME=a"], []),
         (KLIPPER, ["BED_MESH_PROFILE LOAD=pei", "BED_MESH_CLEAR"], ["BED_MESH_CLEAR"]),

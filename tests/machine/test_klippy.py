@@ -113,6 +113,29 @@ def printable(path, seed):
     return Program(path, KLIPPER)
 
 
+@pytest.mark.parametrize("seed", range(400, 404))
+def test_the_head_goes_where_the_host_takes_it(tmp_path, seed):
+    """Prints some of whose objects are left out, compared line by line."""
+    program = printable(tmp_path / "job.gcode", seed)
+    homed = False
+    state, head, fed, right, lines = program.state(), (0.0, 0.0, 0.0), 0.0, [], []
+    for text, _ in program.commands():
+        lines.append(text)
+        for move in state.run(text):
+            head, fed = move.end, fed + move.volume / state.filament_area
+        homed = homed or text == "G28"
+        if homed:
+            lines.append("GET_POSITION")
+            right.append((*head, fed))
+    assert state.objects.left_out
+    path = tmp_path / "asked.gcode"
+    path.write_text("\n".join(lines) + "\n")
+    found = klippy.places(path, tmp_path)
+    assert len(found) == len(right)
+    for place, wanted, line in zip(found, right, lines, strict=False):
+        assert place == pytest.approx(wanted, abs=1e-4), line
+
+
 @pytest.mark.parametrize("accident", ["pause", "abort", "kill", "power"])
 def test_the_host_goes_on_as_if_it_had_not_been_cut(tmp_path, accident):
     for seed in range(5):

@@ -52,7 +52,7 @@ MARLIN = Firmware(
         "M413": Kept(),
         "M420": Kept(once=("V", "T", "C")),
         "M425": Kept(),
-        "M486": Kept(once=("P", "U", "C")),
+        "M486": Kept(once=("S", "A", "P", "U", "C")),
         "M569": Kept(by=("X", "Y", "Z", "E", "T", "I")),
         "M593": Kept(by=("X", "Y")),
         "M851": Kept(),
