@@ -9,10 +9,10 @@ from pathlib import Path
 import klippy
 import pytest
 from streams import PRINTER
-from test_going_on import Writer, cut, go_on
+from test_going_on import AHEAD, Bench, Writer, cut, go_on, likely
 
 from fdjax.formats import write_file
-from fdjax.machine import connect
+from fdjax.machine import connect, resume
 from fdjax.machine.ports import open_port
 from fdjax.machine.program import Program
 from fdjax.machine.protocols import protocol
@@ -33,17 +33,40 @@ KLIPPER = dataclasses.replace(
 HEAD = "G28\nM104 S200\nM109 S200\nM83\nG1 X10 Y10 Z1 F3000\n"
 
 
-def of_mode(relative):
-    return dataclasses.replace(
-        KLIPPER, gcode=dataclasses.replace(KLIPPER.gcode, relative_e=relative)
-    )
+PROFILES = {
+    "as it comes": {},
+    "absolute": {"relative_e": False},
+    "hops": {"retraction": {"hop": 0.6, "least_travel": 0.0}},
+    "never pulls back": {"retraction": {"length": 0.0}},
+    "without fan": {"cooling": {"fan": 0.0}},
+    "slow": {"motion": {"print_speed": 1.0, "travel_speed": 2.0}},
+    "thick filament": {"extrusion": {"filament": 2.85, "flow": 0.95}},
+    "nothing around it": {"prime": (), "end": ("M104 S0", "M140 S0")},
+}
+"""What profiles may say otherwise of the files that are written."""
+GOLDEN = sorted((Path(__file__).parents[1] / "formats" / "golden").glob("*.gcode"))
 
 
-@pytest.mark.parametrize("relative", [True, False])
-def test_what_fdjax_writes_is_printed(tmp_path, relative):
+def varied(table, changes):
+    """A table of a profile with changes, in tables of its own too."""
+    whole = {
+        name: varied(getattr(table, name), new) if isinstance(new, dict) else new
+        for name, new in changes.items()
+    }
+    return dataclasses.replace(table, **whole)
+
+
+@pytest.mark.parametrize("changes", PROFILES.values(), ids=list(PROFILES))
+def test_what_fdjax_writes_is_printed(tmp_path, changes):
     path = tmp_path / "part.gcode"
-    write_file(small_build(), path, of_mode(relative))
-    assert survey(Program(path, KLIPPER)).errors == ()
+    machine = dataclasses.replace(KLIPPER, gcode=varied(KLIPPER.gcode, changes))
+    write_file(small_build(), path, machine)
+    assert survey(Program(path, machine)).errors == ()
+    assert klippy.judged(path, tmp_path) == []
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
+def test_the_golden_files_are_printed(tmp_path, path):
     assert klippy.judged(path, tmp_path) == []
 
 
@@ -159,6 +182,39 @@ def test_the_host_goes_on_as_if_it_had_not_been_cut(tmp_path, accident):
                 assert (stands is Standing.LOST) == (accident == "power")
             assert bench.place() == wanted
             bench.port.close()
+
+
+@pytest.mark.parametrize("accident", ["pause", "abort", "kill", "power", "layer"])
+@pytest.mark.parametrize("seed", range(500, 502))
+def test_all_that_is_streamed_is_run(tmp_path, accident, seed):
+    """Each line that a virtual machine was sent, before an accident and behind it."""
+    program = printable(tmp_path / "job.gcode", seed)
+    bench = Bench("klipper", program)
+    halves = [bench.machine.executed]
+    if accident == "layer":
+        go_to_layer(bench, 4)
+    else:
+        reached = cut(bench, accident, random.Random(seed).choice(likely(program)[3:-AHEAD]))
+        if accident == "power":
+            halves.insert(0, halves[0][:])
+            bench.machine.executed.clear()
+        if accident != "pause":
+            go_on(bench, reached)
+    for half in halves:
+        path = tmp_path / "sent.gcode"
+        path.write_text("\n".join(half) + "\n")
+        assert klippy.judged(path, tmp_path) == []
+
+
+def go_to_layer(bench, layer):
+    """Begin at a layer, as `fdjax send --layer` does with a machine that was switched on anew."""
+    stream = bench.stream()
+    stream.connect()
+    point = resume.at_layer(bench.program, survey(bench.program).starts, layer)
+    height = point.state.on_bed[2]
+    back = resume.way_back(point, bench.program.machine, Standing.LOST, height=height)
+    stream.go_on(point, back)
+    stream.run()
 
 
 def test_the_host_is_recognised(tmp_path):
