@@ -19,6 +19,12 @@ def heats(nozzles: Mapping[int, float], *, tools: int) -> list[str]:
     return [f"M104 T{tool} S{heat:g}" for tool, heat in nozzles.items()]
 
 
+def select(record: Record) -> list[str]:
+    """Take the tool in use, and bring back what ends by that."""
+    ended = _factors(record) if record.firmware.tool_begins_anew else []
+    return [f"T{record.tool}", *ended]
+
+
 def heat_all(record: Record, *, tools: int) -> list[str]:
     """All temperatures that the file has set, without waiting."""
     chamber = [f"M141 S{record.chamber:g}"] if record.chamber else []

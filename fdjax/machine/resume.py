@@ -219,7 +219,7 @@ def way_back(
         f"G1 Z{high:.3f} F600" if lost else rise(now, high, state, machine),
         *([] if here else ["G28 X Y"]),
         *rebuild.set_after_homing(state),
-        *([f"T{state.tool}"] if count > 1 else []),
+        *(rebuild.select(state) if count > 1 else []),
         *rebuild.wait_for_heat(state),
         *rebuild.DIRECT,  # a change of tool may run a macro
         *(

@@ -60,6 +60,17 @@ def test_a_thousand_runs_under_faults(tmp_path, machine):
     assert verdicts["stopped"] <= 50
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_reset_at_the_end_of_a_job_is_found_out(tmp_path, seed):
+    """Though what is left of it homes the machine, and needs no homing itself."""
+    job = program(tmp_path, "fdm1650", 100, seed)
+    frames = len(list(job.commands()))
+    for back in range(1, 12, 2):
+        faults = virtual.faults("fdm1650", 0.02 * (seed % 2), seed)
+        run = send(job, "fdm1650", port={"faults": faults, "accident": (frames - back, "reset")})
+        assert run.verdict() == "stopped"
+
+
 @pytest.mark.parametrize("machine", virtual.MACHINES)
 def test_without_faults_the_machine_runs_the_file(tmp_path, machine):
     run = send(program(tmp_path, machine, LINES), machine)

@@ -43,6 +43,7 @@ class Firmware:
     - `fan`, `flow_tool`: words that name the fan of M106 and the tool of M221; none for one only.
     - `bare_fan`: whether M106 without S is full speed.
     - `one_acceleration`: whether M204 sets one for roads and travel, the lesser of P and T.
+    - `tool_begins_anew`: whether another tool's E counts from 0, and M221 ends.
     - `coldest`: whether M302 sets the temperature below which nothing is pushed.
     - `home_ends`: commands whose setting homing puts out of force.
     - `stands`: lines that say at which height the nozzle stands, without homing; `shifts_machine`:
@@ -75,6 +76,7 @@ class Firmware:
     bare_fan: bool = True
     one_acceleration: bool = False
     flow_tool: str = "T"
+    tool_begins_anew: bool = False
     coldest: bool = True
     home_ends: tuple[str, ...] = ()
     stands: tuple[str, ...] = ("G92 Z{z:.3f}",)

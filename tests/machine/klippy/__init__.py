@@ -20,7 +20,7 @@ _START = "Configured MCU"
 _SAYS = (
     *("homing:", "Exiting (", "toolhead:", "mcu:", "stepper:", "kinematic:", "gcode"),
     *("Excluding object", "Unexcluding object", "Known objects", "Excluded objects"),
-    *("extruder: pressure_advance", "EXCLUDE_OBJECT_END called"),
+    *("extruder: pressure_advance", "extruder1: pressure_advance", "EXCLUDE_OBJECT_END called"),
     *("SET_KINEMATIC_POSITION pos", "Activating extruder"),
 )
 """What it tells of itself or was asked for, and complains of nothing."""
