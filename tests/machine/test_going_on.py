@@ -125,6 +125,8 @@ class Writer:
                 self.setting()
             if chance.random() < 0.5:
                 self.lines.append(f"T{chance.randrange(2)}")
+                if self.firmware == "klipper" and not self.relative:  # whose tools begin anew
+                    self.lines.append(f"G92 E{self.e:.5f}")
             inside, outside = OBJECT[self.firmware]
             if chance.random() < 0.4:
                 self.lines.append(LEAVE_OUT[self.firmware].format(chance.randrange(3)))

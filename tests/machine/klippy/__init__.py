@@ -21,7 +21,7 @@ _SAYS = (
     *("homing:", "Exiting (", "toolhead:", "mcu:", "stepper:", "kinematic:", "gcode"),
     *("Excluding object", "Unexcluding object", "Known objects", "Excluded objects"),
     *("extruder: pressure_advance", "extruder1: pressure_advance", "EXCLUDE_OBJECT_END called"),
-    *("SET_KINEMATIC_POSITION pos", "Activating extruder"),
+    *("SET_KINEMATIC_POSITION pos", "Activating extruder", "Extruder extruder"),
 )
 """What it tells of itself or was asked for, and complains of nothing."""
 _PLACE = re.compile(r"toolhead: X:(\S+) Y:(\S+) Z:(\S+) E:(\S+)")
