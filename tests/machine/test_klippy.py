@@ -137,6 +137,28 @@ def printable(path, seed):
     return Program(path, dataclasses.replace(KLIPPER, gcode=varied(KLIPPER.gcode, {"tools": 2})))
 
 
+@pytest.mark.parametrize(
+    "setting",
+    ["", "M204 S100", "M204 P300 T400", "M220 S50", "SET_VELOCITY_LIMIT ACCEL=3000", "M220 S150"],
+)
+def test_the_time_is_the_hosts(tmp_path, setting):
+    """Of a mat of roads, with the corner speed that the host has, homing and heating aside."""
+    roads = []
+    for y in range(10, 60, 4):
+        roads += [f"G1 X10 Y{y} F6000", f"G1 X40 Y{y} E.9 F1200", f"G1 X42 Y{y + 2} E.08 F2400"]
+    path = tmp_path / "mat.gcode"
+    found = {}
+    for part in ([], roads):
+        path.write_text(HEAD + "\n".join([setting, *part]) + "\n")
+        stream = dataclasses.replace(KLIPPER.stream, corner_speed=5.0)
+        found[len(part)] = (
+            klippy.seconds(path, tmp_path),
+            survey(Program(path, dataclasses.replace(KLIPPER, stream=stream))).seconds,
+        )
+    host, ours = (b - a for a, b in zip(*found.values(), strict=True))
+    assert ours == pytest.approx(host, rel=0.03)
+
+
 @pytest.mark.parametrize("seed", range(400, 404))
 def test_the_head_goes_where_the_host_takes_it(tmp_path, seed):
     """Prints some of whose objects are left out, compared line by line."""
