@@ -42,7 +42,7 @@ class Record:
     - `e`: of the filament, in the file's coordinates; all tools share it, as in Marlin.
     - `absolute`, `relative_e`: G90, M83; `scale`: mm of a unit; `plane`: of arcs, G17 to G19;
       `motion`: what words alone go on with.
-    - `speed`: of the last F; before any, that of Marlin (1500 mm/min). `speed_factor`: M220, and
+    - `speed`: of the last F; before any, the firmware's. `speed_factor`: M220, and
       what `M220 B` kept of it.
     - `flows`: M221 of each tool. `volumetric`: whether E is mm^3 (M200).
     - `accelerations`: of M204, mm/s^2, by its letters: P for roads, T for travel, R for filament.
@@ -73,7 +73,7 @@ class Record:
     scale: float = 1.0
     plane: str = "G17"
     motion: str = ""
-    speed: float = 25.0
+    speed: float = -1.0
     speed_factor: float = 1.0
     kept_speed_factor: float = 1.0
     flows: dict[int, float] = field(default_factory=dict)
@@ -107,14 +107,16 @@ class Record:
     def __post_init__(self) -> None:
         self.motion = self.motion or self.firmware.first_motion
         self.weigh()
-        self.run_at(self.speed)
+        self.speed = self.firmware.first_speed if self.speed < 0 else self.speed
+        self.pace = max(self.speed * self.speed_factor, _SLOWEST)
         self.measure_by()
 
     def measure_by(self, **modes: float) -> None:
         """Set some of scale, absolute and relative_e."""
         for name, value in modes.items():
             setattr(self, name, value)
-        self.direct = bool(self.absolute and self.scale == 1.0 and not self.objects.followed)
+        plain = self.absolute and self.scale == 1.0 and self.speed > 0
+        self.direct = bool(plain and not self.objects.followed)
         self._look()
 
     def know(self, axes: Set[str]) -> None:

@@ -242,6 +242,9 @@ class GcodeState(Record):
         k = self.scale
         if "F" in words:
             self.run_at(words["F"] * k / 60)
+            self.measure_by()  # the first F may let moves be made as they stand
+        if name != "G0" and not (self.speed or self.firmware.first_speed):
+            raise Refused(f"{self.firmware.name} makes no {name} before an F: no speed was said")
         self.motion = name
         start = self.on_bed
         x, y, z = start

@@ -194,6 +194,8 @@ def test_waits_are_the_firmwares(firmware, line, seconds):
         (GRBL, ["G4 S1"], "waits by G4 P alone"),
         (GRBL, ["G4"], "waits by G4 P alone"),
         (GRBL, ["G1 X1 F0"], "no speed"),
+        (GRBL, ["G0 X1", "G1 X5"], "no G1 before an F"),
+        (GRBL, ["G2 X1 I.5"], "no G2 before an F"),
         (KLIPPER, ["EXCLUDE_OBJECT CURRENT=1"], "no current object"),
         (KLIPPER, ["SET_VELOCITY_LIMIT ACCEL=a"], "must be numbers"),
     ],

@@ -31,6 +31,7 @@ class Firmware:
     - `e_mode`: what G90 and G91 do to E. "set": they set its mode too, and M82, M83 set it again.
       "while": G91 makes it relative for as long as it is in force. "apart": only M82 and M83 do.
     - `first_motion`: what words alone go on with before any motion; none with most.
+    - `first_speed`: mm/s, before any F; 0 where no motion but G0 is made without one.
     - `modal`: whether words alone go on with the last motion; elsewhere a sender has to name it.
     - `runs_all`: whether it runs all commands of a line, or the first only.
     - `extrudes`: whether it knows E.
@@ -62,6 +63,7 @@ class Firmware:
     name: str
     e_mode: str = "set"
     first_motion: str = ""
+    first_speed: float = 25.0
     modal: bool = False
     runs_all: bool = False
     extrudes: bool = True
