@@ -113,7 +113,7 @@ def test_rrf_warns_of_what_it_does_not_know(line, says):
         ("N12 G0 X1", "ok"),
         ("G0 (fast) X1 ; there", "ok"),
         ("G4 P0.1", "ok"),
-        ("G1 X1", "error:22"),
+        ("G1 X3", "error:22"),
         ("G4 S1", "error:28"),
         ("G1 X1 E1 F100", "error:20"),
         ("G1 X2 F0", "error:22"),
