@@ -91,7 +91,7 @@ def _command(folder: Path, *options: str) -> list[str]:
     assert PROGRAM is not None
     dictionary = folder / "made.dict"
     dictionary.write_text(json.dumps(_dictionary()))
-    files = ["-o", str(folder / "out"), "-d", str(dictionary), "-l", str(folder / "log")]
+    files = ["-o", str(folder / "steps"), "-d", str(dictionary), "-l", str(folder / "log")]
     return [PROGRAM, str(CONFIG), *options, *files]
 
 
