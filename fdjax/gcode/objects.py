@@ -8,7 +8,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from fdjax.errors import InputError
 from fdjax.gcode.firmware import Firmware
+from fdjax.gcode.settings import said
 from fdjax.gcode.words import Refused
 from fdjax.moves import Move, Point
 
@@ -17,6 +19,16 @@ COMMANDS = frozenset(
 )
 _STILL_MADE = 5
 """Moves with E that Klipper makes after the first object is left out, whatever they are of."""
+
+
+def words_of(code: str, at: int) -> dict[str, str]:
+    """Words of a command of `COMMANDS`. What follows the A of M486 is a name.
+
+    >>> words_of('M486 S1 A"Part C"', 4)
+    {'S': '1'}
+    """
+    numbered = code[:1] in "Mm"
+    return said(code[at:].upper().partition("A")[0], 0) if numbered else said(code, at)
 
 
 @dataclass(frozen=True)
@@ -152,7 +164,10 @@ class Objects:
         return self.current
 
     def _numbered(self, firmware: Firmware, words: Mapping[str, str]) -> "Objects":
-        numbers = {letter: str(int(words[letter])) for letter in "SPU" if words.get(letter)}
+        try:
+            numbers = {letter: f"{float(words[letter]):.0f}" for letter in "SPU" if letter in words}
+        except ValueError:
+            raise InputError("M486: S, P and U name objects by their numbers") from None
         left_out = self.left_out
         if "T" in words and firmware.skipping == "stays":
             left_out = frozenset()  # it counts anew

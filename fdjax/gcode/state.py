@@ -136,6 +136,7 @@ class GcodeState(Record):
         if kept is not None:
             words = settings.said(code, at)
             if name in objects.COMMANDS:
+                words = objects.words_of(code, at)
                 self.objects = self.objects.said(firmware, name, words, self.on_bed)
                 self.measure_by()
             settings.keep(self.settings, name, kept, words, scale=self.scale, tool=self.tool)

@@ -2,6 +2,7 @@
 
 import pytest
 
+from fdjax.errors import InputError
 from fdjax.gcode.firmware import KLIPPER, MARLIN, REPRAP
 from fdjax.gcode.state import GcodeState
 
@@ -51,6 +52,20 @@ def test_what_the_head_does_behind_an_object(firmware, lines, behind):
     before, _ = made(firmware, lines[: lines.index("G1 X40 E1")])
     assert moves[len(before) :] == behind
     assert state.top == max(z for _, (_, _, z), e in moves if e > 0)
+
+
+@pytest.mark.parametrize(
+    "line", ["M486 ACup_P1_copy_0", 'M486 S1 A"Part C"', "M486 S1 ABases P1", "M486 T2 ACup"]
+)
+@pytest.mark.parametrize("firmware", [MARLIN, REPRAP])
+def test_names_are_no_words(firmware, line):
+    moves, state = made(firmware, ["M486 S1", line, "G1 X9 E1"])
+    assert (moves[-1][1][0], state.objects.left_out) == (9, frozenset())
+
+
+def test_an_object_has_a_number():
+    with pytest.raises(InputError, match="by their numbers"):
+        made(MARLIN, ["M486 P1:2"])
 
 
 def test_klipper_still_makes_five_pushes():
