@@ -13,6 +13,8 @@ jax.config.update("jax_enable_x64", True)
 
 # Scripts that are run by hand: they take minutes, and one of them needs SciPy.
 collect_ignore = [f"benchmarks/{name}.py" for name in ("accuracy", "designs", "grids", "streaming")]
+# Those of other people's programs run in an environment of their own.
+collect_ignore += ["machine/clients"]
 
 
 @pytest.fixture(scope="module")

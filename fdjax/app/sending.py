@@ -224,6 +224,7 @@ def _go_on(
         stands,
         height=height,
         top=0.0 if points is None else points.top,
+        waits=None if points is None else points.waits,
         extruder=extruder,
     )
     stream.go_on(point, back)

@@ -18,7 +18,7 @@ _FEW = 12
 """Lines up to which one after the other is faster than all at once."""
 _HARMLESS = re.compile(
     r"M(?:7[3-8]|10[4-9]|11[0-9]|14[0-9]|15[0-9]|190|191|20[1-9]|21[0-9]|220|300|400|42[0-9]|566"
-    r"|572|593|84|900|907|486|862(?:\.\d+)?)(?![\d.])"
+    r"|572|593|84|900|907|862(?:\.\d+)?)(?![\d.])"
 )
 """Commands that change nothing on which a deposit depends."""
 _KNOWN = re.compile(r"[GT]\d+(?:\.\d+)?$|M\d{1,3}(?:\.\d+)?$|\$H$|SET_|EXCLUDE_OBJECT|TIMELAPSE_")

@@ -171,7 +171,10 @@ def _end_shift(record: Record, words: Words) -> None:
 
 
 def select(record: Record, tool: int) -> None:
-    """A change of tool. E goes on from where it was (Marlin: one `current_position.e`)."""
+    """A change of tool. E goes on from where it was (Marlin: one `current_position.e`), or anew."""
+    if record.firmware.tool_begins_anew and tool != record.tool:
+        record.e = 0.0
+        record.pour(1.0, 0)
     record.tool = tool
     record.forget()
     record.weigh()
@@ -241,6 +244,11 @@ def _heat_by_name(record: Record, words: Parameters) -> None:
         record.nozzles[int(name[8:] or 0)] = target
 
 
+def _activate(record: Record, words: Parameters) -> None:
+    number = words.get("EXTRUDER", "extruder").lower().removeprefix("extruder")
+    select(record, int(number or 0))
+
+
 def _cool_all(record: Record, words: Parameters) -> None:
     record.nozzles = dict.fromkeys(record.nozzles, 0.0)
     record.bed = 0.0
@@ -257,6 +265,7 @@ def _stand(record: Record, words: Parameters) -> None:
         float(words.get(axis, str(place))) for axis, place in zip("XYZ", record.on_bed, strict=True)
     )
     record.on_bed = (x, y, z)
+    record.objects = record.objects.stand(record.on_bed)
     record.homed |= frozenset("XYZ")
     record.know(words.keys())
 
@@ -264,6 +273,7 @@ def _stand(record: Record, words: Parameters) -> None:
 EXTENDED: dict[str, Callable[[Record, Parameters], None]] = {
     "SET_HEATER_TEMPERATURE": _heat_by_name,
     "TURN_OFF_HEATERS": _cool_all,
+    "ACTIVATE_EXTRUDER": _activate,
     "SET_KINEMATIC_POSITION": _stand,
     "SET_VELOCITY_LIMIT": _limit,
 }

@@ -19,6 +19,12 @@ def heats(nozzles: Mapping[int, float], *, tools: int) -> list[str]:
     return [f"M104 T{tool} S{heat:g}" for tool, heat in nozzles.items()]
 
 
+def select(record: Record) -> list[str]:
+    """Take the tool in use, and bring back what ends by that."""
+    ended = _factors(record) if record.firmware.tool_begins_anew else []
+    return [f"T{record.tool}", *ended]
+
+
 def heat_all(record: Record, *, tools: int) -> list[str]:
     """All temperatures that the file has set, without waiting."""
     chamber = [f"M141 S{record.chamber:g}"] if record.chamber else []
@@ -125,6 +131,39 @@ def modes(state: Saved | Record, *, extruder: bool) -> list[str]:
     found = ["G20" if scale != 1 else "G21", "G90" if state.absolute else "G91"]
     found += [f"G1 F{60 * state.speed / scale:.10g}"] if state.speed else []
     return found + (["M83" if state.relative_e else "M82"] if extruder else [])
+
+
+def leave_out(record: Record) -> list[str]:
+    """Leave out again the objects that the file had left out."""
+    command = "EXCLUDE_OBJECT NAME=" if _named(record) else "M486 P"
+    return [f"{command}{name}" for name in sorted(record.objects.left_out)]
+
+
+def out_of_object(record: Record) -> list[str]:
+    """Leave an object whose moves are not made."""
+    if not record.objects.left_out:
+        return []
+    return ["EXCLUDE_OBJECT_END" if _named(record) else "M486 S-1"]
+
+
+def into_object(record: Record) -> list[str]:
+    """Be in the object in which the file is."""
+    command = "EXCLUDE_OBJECT_START NAME=" if _named(record) else "M486 S"
+    return [command + record.objects.current] if record.objects.current else []
+
+
+def prime(record: Record, length: float, feed: float) -> list[str]:
+    """Push filament, and leave out again the objects that the file had left out.
+
+    Klipper counts pushes until it does that: it is to have counted as many as in the record.
+    """
+    times = record.objects.pushes_counted
+    pushes = [push(record, length / max(times, 1), feed)] * max(times, 1)
+    return [*leave_out(record), *pushes] if times else [*pushes, *leave_out(record)]
+
+
+def _named(record: Record) -> bool:
+    return "EXCLUDE_OBJECT" in record.firmware.kept
 
 
 def extruder_as_it_was(record: Record) -> list[str]:

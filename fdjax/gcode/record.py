@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 from fdjax.gcode.firmware import MARLIN, Firmware
+from fdjax.gcode.objects import Objects
 from fdjax.gcode.settings import Settings
 from fdjax.gcode.words import Refused
 from fdjax.moves import Point, Position
@@ -41,7 +42,7 @@ class Record:
     - `e`: of the filament, in the file's coordinates; all tools share it, as in Marlin.
     - `absolute`, `relative_e`: G90, M83; `scale`: mm of a unit; `plane`: of arcs, G17 to G19;
       `motion`: what words alone go on with.
-    - `speed`: of the last F; before any, that of Marlin (1500 mm/min). `speed_factor`: M220, and
+    - `speed`: of the last F; before any, the firmware's. `speed_factor`: M220, and
       what `M220 B` kept of it.
     - `flows`: M221 of each tool. `volumetric`: whether E is mm^3 (M200).
     - `accelerations`: of M204, mm/s^2, by its letters: P for roads, T for travel, R for filament.
@@ -51,6 +52,8 @@ class Record:
     - `coldest`: the least temperature at which filament is pushed, where M302 said one.
     - `retracted`: whether G10 has pulled filament back and G11 not returned it.
     - `top`: the highest deposit so far, over the whole bed.
+    - `objects`: of the plate: where the file is among them, and which are left out. While the moves
+      of one are not made, `on_bed` is where the file is, not the head, but with Marlin.
     - `power`: of spindle or laser while on, `spindle`: the command that set it (M3, M4).
     - `homed`: axes that have been homed. `unknown`: axes whose coordinate the machine may have set
       otherwise: since homing, a change of tool or a command of its own, until the file says where
@@ -70,7 +73,7 @@ class Record:
     scale: float = 1.0
     plane: str = "G17"
     motion: str = ""
-    speed: float = 25.0
+    speed: float = -1.0
     speed_factor: float = 1.0
     kept_speed_factor: float = 1.0
     flows: dict[int, float] = field(default_factory=dict)
@@ -86,6 +89,7 @@ class Record:
     coldest: float | None = None
     retracted: bool = False
     top: float = 0.0
+    objects: Objects = field(default_factory=Objects)
     fans: dict[int, float] = field(default_factory=dict)
     power: float = 0.0
     spindle: str = "M3"
@@ -96,21 +100,23 @@ class Record:
     gain: float = field(init=False, default=0.0)
     """mm^3 that a unit of E deposits."""
     direct: bool = field(init=False, default=True)
-    """Whether coordinates are absolute and in mm."""
+    """Whether coordinates are absolute and in mm, and moves are made as they stand."""
     unsure: bool = field(init=False, default=True)
     """Whether X, Y, Z or an absolute E is unknown."""
 
     def __post_init__(self) -> None:
         self.motion = self.motion or self.firmware.first_motion
         self.weigh()
-        self.run_at(self.speed)
+        self.speed = self.firmware.first_speed if self.speed < 0 else self.speed
+        self.pace = max(self.speed * self.speed_factor, _SLOWEST)
         self.measure_by()
 
     def measure_by(self, **modes: float) -> None:
         """Set some of scale, absolute and relative_e."""
         for name, value in modes.items():
             setattr(self, name, value)
-        self.direct = bool(self.absolute and self.scale == 1.0)
+        plain = self.absolute and self.scale == 1.0 and self.speed > 0
+        self.direct = bool(plain and not self.objects.followed)
         self._look()
 
     def know(self, axes: Set[str]) -> None:

@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping
 
 from fdjax.gcode.firmware import Kept
-from fdjax.gcode.words import Refused
 
 Settings = dict[tuple[str, str, float], dict[str, str]]
 """Words of each setting by its command, whose it is, and the mm of a unit when it was said; the
@@ -37,13 +36,7 @@ def state_name(code: str, at: int) -> str:
 def keep(
     settings: Settings, name: str, kept: Kept, words: Mapping[str, str], *, scale: float, tool: int
 ) -> None:
-    """Note a setting; `tool` is in use, `scale` mm of a unit.
-
-    Raises `Refused` for what only a person may do.
-    """
-    for word in kept.person:
-        if word in words:
-            raise Refused(f"{name} {word}{words[word]} is for a person at the machine to say")
+    """Note a setting; `tool` is in use, `scale` mm of a unit."""
     whose = {letter: words[letter] for letter in kept.by if letter in words}
     if kept.of_tool and kept.of_tool not in whose:
         whose[kept.of_tool] = str(tool)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from fdjax import arcs
 from fdjax.errors import InputError
-from fdjax.gcode import settings
+from fdjax.gcode import objects, settings
 from fdjax.gcode.commands import EXTENDED, SETTERS, UNFOLLOWED, passes_over, select
 from fdjax.gcode.record import Record
 from fdjax.gcode.words import PLAIN, Refused, command_of, end_of_name, words_of
@@ -135,6 +135,10 @@ class GcodeState(Record):
         kept = firmware.kept.get(name)
         if kept is not None:
             words = settings.said(code, at)
+            if name in objects.COMMANDS:
+                words = objects.words_of(code, at)
+                self.objects = self.objects.said(firmware, name, words, self.on_bed)
+                self.measure_by()
             settings.keep(self.settings, name, kept, words, scale=self.scale, tool=self.tool)
         return moves
 
@@ -215,7 +219,19 @@ class GcodeState(Record):
         return moves
 
     def move(self, name: str, words: Mapping[str, float]) -> tuple[Move, ...]:
-        """Make the motion of G0 to G3 or G5."""
+        """Make the motion of G0 to G3 or G5, but for what is of an object that is left out."""
+        if not self.objects.followed:
+            return self._motion(name, words)
+        start, top = self.on_bed, self.top
+        whole = self._motion(name, words)
+        if self.objects.skips and self.firmware.skipping == "stays":
+            self.on_bed = start
+        self.objects, made = self.objects.follow(self.firmware, whole)
+        roads = [move for move in made if move.volume > 0 and move.start != move.end]
+        self.top = max([top, *(move.end[2] for move in roads)])
+        return tuple(made)
+
+    def _motion(self, name: str, words: Mapping[str, float]) -> tuple[Move, ...]:
         other = words.keys() & _OTHER_AXES
         if other:
             axis = min(other)
@@ -227,6 +243,9 @@ class GcodeState(Record):
         k = self.scale
         if "F" in words:
             self.run_at(words["F"] * k / 60)
+            self.measure_by()  # the first F may let moves be made as they stand
+        if name != "G0" and not (self.speed or self.firmware.first_speed):
+            raise Refused(f"{self.firmware.name} makes no {name} before an F: no speed was said")
         self.motion = name
         start = self.on_bed
         x, y, z = start
@@ -322,6 +341,7 @@ class GcodeState(Record):
             start[k], shift[k] = 0.0, self.offset[k]
         before, self.on_bed = self.on_bed, (start[0], start[1], start[2])
         self.shift = (shift[0], shift[1], shift[2])
+        self.objects = self.objects.stand(self.on_bed)
         self.homed |= frozenset(axes)
         settings.forget(self.settings, self.firmware.home_ends)
         self.forget("".join(axes))

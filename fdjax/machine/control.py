@@ -14,6 +14,7 @@ _TRAVEL = 6000.0
 _PUSH = 1800.0
 """mm/min."""
 _END_LIFT = 5.0
+_ROUNDING = 1e-3
 
 
 class Commands(ABC):
@@ -96,7 +97,7 @@ class _Gcode(Commands):
         assert isinstance(state, GcodeState)
         # The steppers stay on: the position is needed to go on with the print.
         away = [*rebuild.DIRECT, *_rise(state, machine, _END_LIFT)] if state.placed else []
-        return [*self.off(state, machine), *away]
+        return [*self.off(state, machine), *rebuild.out_of_object(state), *away]
 
     def interrupt(self, facts: Mapping[str, str]) -> bytes:
         if facts.get("Cap:EMERGENCY_PARSER") == "1":
@@ -116,21 +117,34 @@ def above(state: GcodeState, machine: Machine, lift: float) -> float:
 
 
 def within(place: Point, state: GcodeState, machine: Machine) -> Point:
-    """Coordinates of a place on the bed, so far as the firmware's own limits let it go there."""
-    x, y, z = (at - by for at, by in zip(place, state.shift, strict=True))
-    if not state.firmware.shifts_machine:
-        return x, y, z
-    (a, b, c), (d, e, f) = machine.room
-    return min(max(x, a), d), min(max(y, b), e), min(max(z, c), f)
+    """Coordinates of a place on the bed, so far as the firmware's own limits let it go there.
+
+    Where they are shifted, it stays off the edges, which they may miss by their rounding.
+    """
+    if state.firmware.shifts_machine:
+        x, y, z = (at - by for at, by in zip(place, state.shift, strict=True))
+        (a, b, c), (d, e, f) = machine.room
+        return min(max(x, a), d), min(max(y, b), e), min(max(z, c), f)
+    x, y, z = (
+        min(max(at, low + _ROUNDING), high - _ROUNDING) - by if by else at
+        for at, by, low, high in zip(place, state.shift, *machine.room, strict=True)
+    )
+    return x, y, z
 
 
 def _rise(state: GcodeState, machine: Machine, lift: float) -> list[str]:
     """Pull filament back and rise above all that stands."""
-    *_, height = within((0.0, 0.0, above(state, machine, lift)), state, machine)
     return [
         rebuild.push(state, -machine.stream.park_retract, _PUSH),
-        f"G1 Z{height:.3f} F600",
+        rise(state, above(state, machine, lift), state, machine),
     ]
+
+
+def rise(now: GcodeState, height: float, shifted: GcodeState, machine: Machine) -> str:
+    """Rise to a height over the bed, in the coordinates of `shifted`, from where the head waits."""
+    waits = now.objects.waits
+    x, y, z = within((*(waits or now.on_bed)[:2], height), shifted, machine)
+    return f"G1{f' X{x:.3f} Y{y:.3f}' if waits else ''} Z{z:.3f} F600"
 
 
 class _Grbl(Commands):

@@ -11,7 +11,6 @@ FORBIDDEN = {
     "M1": "it waits for a person at the machine's own buttons",
     "M28": "it writes what follows to the machine's card instead of running it",
     "M29": "it ends writing to the machine's card",
-    "EXCLUDE_OBJECT": "it leaves an object out, which is for a person to say",
     "M30": "it deletes a file on the machine's card",
     "M108": "it breaks off a wait for heat",
     "M25": "it pauses a print from the machine's card",
@@ -35,8 +34,8 @@ class Finding:
 
     - `severity`: "error" (the file must not be sent) or "warning".
     - `kind`: "bed", "heat", "long line", "forbidden", "homing", "units", "cold", "left on",
-      "unknown" (or damaged), "refused" (by the firmware), "wait", "binary", "empty", "truncated",
-      "tool" or "machine".
+      "unknown" (or damaged), "refused" (by the firmware), "wait", "left out", "binary", "empty",
+      "truncated", "tool" or "machine".
     - `message`: what is wrong and what would be right; `line`: of the file, where first, 0 for the
       file as a whole; `count`: in how many lines.
     """

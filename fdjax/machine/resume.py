@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from fdjax.errors import InputError
@@ -10,10 +10,11 @@ from fdjax.formats.profile import Machine
 from fdjax.gcode import rebuild
 from fdjax.gcode.settings import state_name
 from fdjax.gcode.state import GcodeState
-from fdjax.machine.control import above, tools, within
+from fdjax.machine.control import above, rise, tools, within
 from fdjax.machine.program import Program, State
 from fdjax.machine.protocols.base import same
 from fdjax.machine.sml_state import SmlState
+from fdjax.moves import Point as Place
 from fdjax.moves import Position
 
 PLANNED = 16
@@ -50,14 +51,17 @@ class Points:
     def __init__(self, program: Program, starts: Sequence[int], reached: int) -> None:
         self._before: deque[Point] = deque(maxlen=PLANNED + 1)  # the last one at `reached`
         self._after: list[Point] = []
+        self._path = program.path
         state, layer, line, laid = program.state(), 0, 0, False
         for command in program.commands():
             if command.line > reached:
                 if not self._after:
                     self._before.append(Point(line, layer, state.copy()))
-                elif len(self._after) == AHEAD:
+                elif len(self._after) >= AHEAD and _may_begin(state):
+                    self._after.append(Point(line, layer, state.copy()))
                     break
-                self._after.append(Point(line, layer, state.copy()))
+                if len(self._after) < AHEAD:
+                    self._after.append(Point(line, layer, state.copy()))
             elif reached - command.line <= 4 * PLANNED:
                 self._before.append(Point(line, layer, state.copy()))
             moves = state.run(command.text)
@@ -93,13 +97,30 @@ class Points:
 
     @property
     def kept(self) -> Point:
-        """Where a machine goes on that has made all moves, but does not stand there any more."""
-        return next(point for point in reversed(self._before) if _may_begin(point.state))
+        """Where a machine goes on that has made all moves, but does not stand there any more.
+
+        Behind an object that is left out, not before it: settings that it brought hold already.
+        """
+        *before, last = self._before
+        before = [] if isinstance(last.state, GcodeState) else before
+        return self._first([last, *reversed(before), *self._after])
 
     @property
     def lost(self) -> Point:
         """Where it goes on if it lost its power, and with it the last moves that it had taken."""
-        return next(point for point in self._before if _may_begin(point.state))
+        return self._first([*self._before, *self._after])
+
+    def _first(self, points: list[Point]) -> Point:
+        found = next((point for point in points if _may_begin(point.state)), None)
+        if found is None:
+            raise InputError(f"{self._path}: nothing is left to send: all of it is left out")
+        return found
+
+    @property
+    def waits(self) -> Place | None:
+        """Where on the bed the head waits while an object is left out."""
+        state = self._after[0].state
+        return state.objects.waits if isinstance(state, GcodeState) else None
 
     @property
     def top(self) -> float:
@@ -118,7 +139,9 @@ _HOMING = ("G28", "$H", "FH")
 
 def _may_begin(state: State) -> bool:
     """Whether what follows does not hang on what the machine would have forgotten."""
-    return isinstance(state, GcodeState) or (state.path is None and not state.outputs)
+    if isinstance(state, GcodeState):
+        return not state.objects.skips  # nothing is laid down until it does not
+    return state.path is None and not state.outputs
 
 
 def at_layer(program: Program, starts: Sequence[int], layer: int) -> Point:
@@ -126,11 +149,14 @@ def at_layer(program: Program, starts: Sequence[int], layer: int) -> Point:
     if not 1 <= layer <= len(starts):
         raise InputError(f"layer {layer}: {program.path.name} has layers 1 to {len(starts)}")
     state = program.state()
+    line = starts[layer - 1] - 1
     for command in program.commands():
-        if command.line >= starts[layer - 1]:
-            break
+        if command.line > line:
+            if _may_begin(state) or isinstance(state, SmlState):
+                break
+            line = command.line
         state.run(command.text)
-    return Point(starts[layer - 1] - 1, layer, state)
+    return Point(line, layer, state)
 
 
 def standing(reported: Position | None, point: Point | None) -> Standing:
@@ -152,14 +178,16 @@ def way_back(
     *,
     height: float,
     top: float = 0.0,
+    waits: Place | None = None,
     extruder: bool = True,
 ) -> list[str]:
     """Lines that bring the machine to a point, hot and with all that the file had in force.
 
     `height` is that of the nozzle now, mm above the bed; where the position is lost it is taken for
-    true. `top` is what stands on the bed beyond what the file had laid down by the point. The
-    nozzle rises above all of it first. Only X and Y are homed, unless the machine stands where it
-    should: Z never is, as the part stands there. Raises `InputError` where that cannot be done.
+    true. `top` is what stands on the bed beyond what the file had laid down by the point; `waits`
+    is where the head stands, where it is not where the file is. It rises above all first. Only X
+    and Y are homed, unless the machine stands where it should: Z never is, as the part stands
+    there. Raises `InputError` where that cannot be done.
     """
     state = point.state
     if isinstance(state, SmlState):
@@ -168,36 +196,44 @@ def way_back(
         raise InputError("grbl: it finds home along all axes at once, so not beside a part")
     now = state.copy()
     now.on_bed, now.top = (*state.on_bed[:2], height), max(state.top, top)
+    now.objects = replace(state.objects, waits=waits)
     lost, here = stands is Standing.LOST, stands is Standing.HERE
     high = max(above(now, machine, _LIFT), min(state.on_bed[2] + _LIFT, machine.bed[2]))
     x, y, z = (
         place - shift
         for place, shift in zip(state.on_bed, _shift_then(state, stands, extruder), strict=True)
     )
-    rise = high if lost else within((0.0, 0.0, high), state, machine)[2]
     if not extruder:
-        lines = ["M5", "G21", "G90", f"G1 Z{rise:.3f} F600", f"G1 X{x:.3f} Y{y:.3f} F6000"]
+        *_, up = within((0.0, 0.0, high), state, machine)
+        lines = ["M5", "G21", "G90", f"G1 Z{up:.3f} F600", f"G1 X{x:.3f} Y{y:.3f} F6000"]
         lines += [f"G1 Z{z:.3f} F600"]
         lines += [f"{state.spindle} S{state.power:g}"] if state.power else []
         return [*lines, *rebuild.modes(state, extruder=False)]
     count = tools(machine)
     return [
         *rebuild.DIRECT,
+        *rebuild.out_of_object(state),
         *rebuild.heat_all(state, tools=count),
         *rebuild.set_before_homing(state, tools=count),
         *(line.format(z=height) for line in state.firmware.stands if lost),
-        f"G1 Z{rise:.3f} F600",
+        f"G1 Z{high:.3f} F600" if lost else rise(now, high, state, machine),
         *([] if here else ["G28 X Y"]),
         *rebuild.set_after_homing(state),
-        *([f"T{state.tool}"] if count > 1 else []),
+        *(rebuild.select(state) if count > 1 else []),
         *rebuild.wait_for_heat(state),
         *rebuild.DIRECT,  # a change of tool may run a macro
-        *([rebuild.push(state, machine.stream.park_retract, 300)] if state.nozzle else []),
+        *(
+            rebuild.prime(state, machine.stream.park_retract, 300)
+            if state.nozzle
+            else rebuild.leave_out(state)
+        ),
         *(["G10"] if state.retracted and lost else []),
         f"G1 X{x:.3f} Y{y:.3f} F6000",
         f"G1 Z{z:.3f} F600",
-        *(rebuild.saved_states(state) if lost else []),
+        # A stack that is still there is not stacked again.
+        *(rebuild.saved_states(state) if lost or not (here or state.firmware.stacks) else []),
         *([] if here else rebuild.place(state)),
+        *rebuild.into_object(state),
         *rebuild.modes(state, extruder=True),
         *rebuild.extruder_as_it_was(state),
     ]

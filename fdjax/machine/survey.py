@@ -7,6 +7,7 @@ from collections.abc import Callable
 from math import inf
 
 from fdjax.errors import InputError
+from fdjax.gcode import objects
 from fdjax.gcode.commands import passes_over
 from fdjax.gcode.motion import MotionTime
 from fdjax.gcode.settings import said
@@ -187,6 +188,9 @@ class _Surveyor:
             if name == "G4" and words and not words.keys() & self._state.firmware.dwell.keys():
                 right = " or ".join(self._state.firmware.dwell)
                 self._say("warning", "wait", f"{text} is no wait to {self._firmware}; {right} is")
+            if name in objects.COMMANDS and self._state.objects.left_out:
+                names = ", ".join(sorted(self._state.objects.left_out))
+                self._say("warning", "left out", f"objects that are not printed: {names}", names)
         self._macros = self._macros or name == "M98"
         if name in _HALTS:
             self._motion.flush()

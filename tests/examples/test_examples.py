@@ -1,5 +1,6 @@
 """The example jobs: each can be set up, and each designs to the end."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,9 @@ from fdjax.app import config, setting
 from fdjax.app.cli import main
 
 ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "tests" / "machine"))
+import klippy  # noqa: E402
+
 JOBS = sorted((ROOT / "examples").glob("*.toml"))
 
 
@@ -34,3 +38,5 @@ def test_job_designs_to_the_end(path, tmp_path):
     asked |= {"report.json", "roads.png", "porosity.png"}
     asked |= {"laplacians.png"} if job.design.laplacians else set()
     assert asked == {p.name for p in out.iterdir()}
+    for path in out.glob("*.gcode") if klippy.PROGRAM is not None else ():
+        assert klippy.judged(path, tmp_path) == []  # by a real host; see `klippy`

@@ -52,7 +52,7 @@ def rebuilt(state, tools=1):
         (MARLIN, ["M204", "M205"], []),
         (MARLIN, ["M220 S80", "M221 T1 S92"], ["M220 S80", "M221 T1 S92"]),
         (MARLIN, ["M302 P1", "M302 S80"], ["M302 S80"]),
-        (MARLIN, ["M486 T3", "M486 S1", "M486 S2"], ["M486 T3 S2"]),
+        (MARLIN, ["M486 T3", "M486 S1", "M486 S2"], ["M486 T3"]),
         (REPRAP, ["M566 X600 Y600 E300:300", "M572 D0:1 S.05"], None),
         (REPRAP, ["M566 X600", "M566 Y300"], ["M566 X600 Y300"]),
         (REPRAP, ["G29", "G28"], ["G29 S1"]),
@@ -66,7 +66,7 @@ def rebuilt(state, tools=1):
         (
             KLIPPER,
             ["EXCLUDE_OBJECT_DEFINE NAME=a CENTER=1,2", "EXCLUDE_OBJECT_START NAME=a"],
-            ["EXCLUDE_OBJECT_DEFINE NAME=a CENTER=1,2", "EXCLUDE_OBJECT_START NAME=a"],
+            ["EXCLUDE_OBJECT_DEFINE NAME=a CENTER=1,2"],
         ),
         (KLIPPER, ["EXCLUDE_OBJECT_START NAME=a", "EXCLUDE_OBJECT_END NAME=a"], []),
         (KLIPPER, ["BED_MESH_PROFILE LOAD=pei", "BED_MESH_CLEAR"], ["BED_MESH_CLEAR"]),
@@ -194,7 +194,9 @@ def test_waits_are_the_firmwares(firmware, line, seconds):
         (GRBL, ["G4 S1"], "waits by G4 P alone"),
         (GRBL, ["G4"], "waits by G4 P alone"),
         (GRBL, ["G1 X1 F0"], "no speed"),
-        (MARLIN, ["M486 P2"], "M486 P2 is for a person"),
+        (GRBL, ["G0 X1", "G1 X5"], "no G1 before an F"),
+        (GRBL, ["G2 X1 I.5"], "no G2 before an F"),
+        (KLIPPER, ["EXCLUDE_OBJECT CURRENT=1"], "no current object"),
         (KLIPPER, ["SET_VELOCITY_LIMIT ACCEL=a"], "must be numbers"),
     ],
 )

@@ -241,6 +241,19 @@ def test_absolute_e_goes_on_after_a_change_of_tool():
     assert moves[1].volume == pytest.approx(state.filament_area)
 
 
+def test_klippers_tools_begin_anew():
+    """E counts from 0 and M221 ends; the tool that is in use already changes nothing."""
+    for line, pushed, flow in (
+        ("T1", 3, 1),
+        ("ACTIVATE_EXTRUDER EXTRUDER=extruder1", 3, 1),
+        ("T0", 2, 2),
+    ):
+        state = GcodeState(KLIPPER)
+        made = [m for code in ("M221 S200", "G1 E2", line, "G1 E3") for m in state.run(code)]
+        assert made[1].volume / state.filament_area == pytest.approx(pushed)
+        assert (state.e, state.flow_factor) == (3, flow)
+
+
 def test_each_tool_has_its_filament():
     _, moves = after("M83", "G1 X1 E1", "T1", "G1 X2 E1", areas={0: 2.0, 1: 5.0})
     assert [move.volume for move in moves] == [2, 5]

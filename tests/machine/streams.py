@@ -98,6 +98,8 @@ class Run:
         ran, wanted = self.ran(), units(self.stream.program)
         if self.stream.protocol.firmware == "rrf":
             ran, wanted = _settings_once(ran), _settings_once(wanted)
+        if self.stream.protocol.firmware == "sml":
+            ran, wanted = rates_once(ran), rates_once(wanted)
         texts = [text for text, _ in wanted]
         if self.error is None:
             return "whole" if ran == texts else "not the file"
@@ -108,6 +110,17 @@ class Run:
         least = sum(line < self.error.line for _, line in wanted)
         most = sum(line <= self.error.sent for _, line in wanted)
         return "stopped" if least <= len(ran) <= most else "stopped elsewhere than it says"
+
+
+def rates_once(texts: list) -> list:
+    """SML may be told the rate that is in force again: these do not count."""
+    kept, rate = [], ""
+    for item in texts:
+        text = item if isinstance(item, str) else item[0]
+        if not text.startswith("SR") or text != rate:
+            kept.append(item)
+        rate = text if text.startswith("SR") else rate
+    return kept
 
 
 def _settings_once(texts: list) -> list:

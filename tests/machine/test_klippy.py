@@ -9,10 +9,10 @@ from pathlib import Path
 import klippy
 import pytest
 from streams import PRINTER
-from test_going_on import Writer, cut, go_on
+from test_going_on import AHEAD, Bench, Writer, cut, go_on, likely
 
 from fdjax.formats import write_file
-from fdjax.machine import connect
+from fdjax.machine import connect, resume
 from fdjax.machine.ports import open_port
 from fdjax.machine.program import Program
 from fdjax.machine.protocols import protocol
@@ -33,17 +33,40 @@ KLIPPER = dataclasses.replace(
 HEAD = "G28\nM104 S200\nM109 S200\nM83\nG1 X10 Y10 Z1 F3000\n"
 
 
-def of_mode(relative):
-    return dataclasses.replace(
-        KLIPPER, gcode=dataclasses.replace(KLIPPER.gcode, relative_e=relative)
-    )
+PROFILES = {
+    "as it comes": {},
+    "absolute": {"relative_e": False},
+    "hops": {"retraction": {"hop": 0.6, "least_travel": 0.0}},
+    "never pulls back": {"retraction": {"length": 0.0}},
+    "without fan": {"cooling": {"fan": 0.0}},
+    "slow": {"motion": {"print_speed": 1.0, "travel_speed": 2.0}},
+    "thick filament": {"extrusion": {"filament": 2.85, "flow": 0.95}},
+    "nothing around it": {"prime": (), "end": ("M104 S0", "M140 S0")},
+}
+"""What profiles may say otherwise of the files that are written."""
+GOLDEN = sorted((Path(__file__).parents[1] / "formats" / "golden").glob("*.gcode"))
 
 
-@pytest.mark.parametrize("relative", [True, False])
-def test_what_fdjax_writes_is_printed(tmp_path, relative):
+def varied(table, changes):
+    """A table of a profile with changes, in tables of its own too."""
+    whole = {
+        name: varied(getattr(table, name), new) if isinstance(new, dict) else new
+        for name, new in changes.items()
+    }
+    return dataclasses.replace(table, **whole)
+
+
+@pytest.mark.parametrize("changes", PROFILES.values(), ids=list(PROFILES))
+def test_what_fdjax_writes_is_printed(tmp_path, changes):
     path = tmp_path / "part.gcode"
-    write_file(small_build(), path, of_mode(relative))
-    assert survey(Program(path, KLIPPER)).errors == ()
+    machine = dataclasses.replace(KLIPPER, gcode=varied(KLIPPER.gcode, changes))
+    write_file(small_build(), path, machine)
+    assert survey(Program(path, machine)).errors == ()
+    assert klippy.judged(path, tmp_path) == []
+
+
+@pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
+def test_the_golden_files_are_printed(tmp_path, path):
     assert klippy.judged(path, tmp_path) == []
 
 
@@ -92,7 +115,8 @@ class Hosted:
         self.port = open_port(name, program.machine)
 
     def stream(self, **more):
-        return Stream(self.program, self.port, protocol("klipper", KLIPPER.stream), **more)
+        speaks = protocol("klipper", self.program.machine.stream)
+        return Stream(self.program, self.port, speaks, **more)
 
     def place(self):
         """Where the host says that it is, and the offsets that it has; E of the file only."""
@@ -107,10 +131,56 @@ class Hosted:
 def printable(path, seed):
     """A print of several objects, without what the host of the tests does not have."""
     Writer("klipper", seed).write(path)
-    lacking = ("extruder1", "FAN=a", "T1", "T0", "BED_MESH", "SET_RETRACTION")
+    lacking = ("FAN=a", "BED_MESH", "SET_RETRACTION")
     lines = [line for line in path.read_text().splitlines() if not any(w in line for w in lacking)]
     path.write_text("\n".join(lines) + "\n")
-    return Program(path, KLIPPER)
+    return Program(path, dataclasses.replace(KLIPPER, gcode=varied(KLIPPER.gcode, {"tools": 2})))
+
+
+@pytest.mark.parametrize(
+    "setting",
+    ["", "M204 S100", "M204 P300 T400", "M220 S50", "SET_VELOCITY_LIMIT ACCEL=3000", "M220 S150"],
+)
+def test_the_time_is_the_hosts(tmp_path, setting):
+    """Of a mat of roads, with the corner speed that the host has, homing and heating aside."""
+    roads = []
+    for y in range(10, 60, 4):
+        roads += [f"G1 X10 Y{y} F6000", f"G1 X40 Y{y} E.9 F1200", f"G1 X42 Y{y + 2} E.08 F2400"]
+    path = tmp_path / "mat.gcode"
+    found = {}
+    for part in ([], roads):
+        path.write_text(HEAD + "\n".join([setting, *part]) + "\n")
+        stream = dataclasses.replace(KLIPPER.stream, corner_speed=5.0)
+        found[len(part)] = (
+            klippy.seconds(path, tmp_path),
+            survey(Program(path, dataclasses.replace(KLIPPER, stream=stream))).seconds,
+        )
+    host, ours = (b - a for a, b in zip(*found.values(), strict=True))
+    assert ours == pytest.approx(host, rel=0.03)
+
+
+@pytest.mark.parametrize("seed", range(400, 404))
+def test_the_head_goes_where_the_host_takes_it(tmp_path, seed):
+    """Prints some of whose objects are left out, compared line by line."""
+    program = printable(tmp_path / "job.gcode", seed)
+    homed = False
+    state, head, fed, right, lines = program.state(), (0.0, 0.0, 0.0), [0.0, 0.0], [], []
+    for text, _ in program.commands():
+        lines.append(text)
+        for move in state.run(text):
+            head = move.end
+            fed[state.tool] += move.volume / state.filament_area
+        homed = homed or text == "G28"
+        if homed:
+            lines.append("GET_POSITION")
+            right.append((*head, fed[state.tool]))
+    assert state.objects.left_out
+    path = tmp_path / "asked.gcode"
+    path.write_text("\n".join(lines) + "\n")
+    found = klippy.places(path, tmp_path)
+    assert len(found) == len(right)
+    for place, wanted, line in zip(found, right, lines, strict=False):
+        assert place == pytest.approx(wanted, abs=1e-4), line
 
 
 @pytest.mark.parametrize("accident", ["pause", "abort", "kill", "power"])
@@ -136,6 +206,39 @@ def test_the_host_goes_on_as_if_it_had_not_been_cut(tmp_path, accident):
                 assert (stands is Standing.LOST) == (accident == "power")
             assert bench.place() == wanted
             bench.port.close()
+
+
+@pytest.mark.parametrize("accident", ["pause", "abort", "kill", "power", "layer"])
+@pytest.mark.parametrize("seed", range(500, 502))
+def test_all_that_is_streamed_is_run(tmp_path, accident, seed):
+    """Each line that a virtual machine was sent, before an accident and behind it."""
+    program = printable(tmp_path / "job.gcode", seed)
+    bench = Bench("klipper", program)
+    halves = [bench.machine.executed]
+    if accident == "layer":
+        go_to_layer(bench, 4)
+    else:
+        reached = cut(bench, accident, random.Random(seed).choice(likely(program)[3:-AHEAD]))
+        if accident == "power":
+            halves.insert(0, halves[0][:])
+            bench.machine.executed.clear()
+        if accident != "pause":
+            go_on(bench, reached)
+    for half in halves:
+        path = tmp_path / "sent.gcode"
+        path.write_text("\n".join(half) + "\n")
+        assert klippy.judged(path, tmp_path) == []
+
+
+def go_to_layer(bench, layer):
+    """Begin at a layer, as `fdjax send --layer` does with a machine that was switched on anew."""
+    stream = bench.stream()
+    stream.connect()
+    point = resume.at_layer(bench.program, survey(bench.program).starts, layer)
+    height = point.state.on_bed[2]
+    back = resume.way_back(point, bench.program.machine, Standing.LOST, height=height)
+    stream.go_on(point, back)
+    stream.run()
 
 
 def test_the_host_is_recognised(tmp_path):

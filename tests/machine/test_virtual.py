@@ -72,6 +72,7 @@ def test_a_question_for_heat_is_answered_once(machine, answers):
         ("T7", (0, 0), ["echo:T7 Invalid extruder"]),
         ("X10", (0, 0), ['echo:Unknown command: "X10"']),
         ("G4 P1 S0", (0, 0), []),
+        ("\tN7 G1 X10", (0, 0), ['echo:Unknown command: "\tN7 G1 X10"']),  # damaged before its N
     ],
 )
 def test_marlin_reads_as_it_does(line, end, says):
@@ -99,7 +100,7 @@ def test_rrf_warns_of_what_it_does_not_know(line, says):
     ("line", "first"),
     [
         ("$I", "[VER:1.1h"),
-        ("$G", "[GC:G0 G54 G17 G21 G90 G94 M5"),
+        ("$G", "[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]"),
         ("$$", "$0=10"),
         ("$#", "[G54:0.000,0.000,0.000]"),
         ("$N", "$N0="),
@@ -112,6 +113,7 @@ def test_rrf_warns_of_what_it_does_not_know(line, says):
         ("N12 G0 X1", "ok"),
         ("G0 (fast) X1 ; there", "ok"),
         ("G4 P0.1", "ok"),
+        ("G1 X3", "error:22"),
         ("G4 S1", "error:28"),
         ("G1 X1 E1 F100", "error:20"),
         ("G1 X2 F0", "error:22"),

@@ -14,7 +14,6 @@ class Kept:
     - `over`: words, and the others that each puts out of force.
     - `ends`: commands whose setting this one puts out of force. `bare`: whether it sets something
       without a word.
-    - `person`: words by which a person intervenes, which have no place in a file.
     """
 
     by: tuple[str, ...] = ()
@@ -23,7 +22,6 @@ class Kept:
     over: Mapping[str, str] = field(default_factory=dict)
     ends: tuple[str, ...] = ()
     bare: bool = False
-    person: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -33,6 +31,7 @@ class Firmware:
     - `e_mode`: what G90 and G91 do to E. "set": they set its mode too, and M82, M83 set it again.
       "while": G91 makes it relative for as long as it is in force. "apart": only M82 and M83 do.
     - `first_motion`: what words alone go on with before any motion; none with most.
+    - `first_speed`: mm/s, before any F; 0 where no motion but G0 is made without one.
     - `modal`: whether words alone go on with the last motion; elsewhere a sender has to name it.
     - `runs_all`: whether it runs all commands of a line, or the first only.
     - `extrudes`: whether it knows E.
@@ -45,11 +44,14 @@ class Firmware:
     - `fan`, `flow_tool`: words that name the fan of M106 and the tool of M221; none for one only.
     - `bare_fan`: whether M106 without S is full speed.
     - `one_acceleration`: whether M204 sets one for roads and travel, the lesser of P and T.
+    - `tool_begins_anew`: whether another tool's E counts from 0, and M221 ends.
     - `coldest`: whether M302 sets the temperature below which nothing is pushed.
     - `home_ends`: commands whose setting homing puts out of force.
     - `stands`: lines that say at which height the nozzle stands, without homing; `shifts_machine`:
       whether G92 says where the machine itself is, so that axes that it names count as homed, and
       soft end stops go with it.
+    - `skipping`: what becomes of the coordinates while the moves of an object that is left out are
+      not made: each of them "stays", or "goes on".
     - `save`, `restore`: commands that save the state and bring it back; `stacks`: without a name,
       the last one saved first. `saves_place`: whether the place is all that they save.
     - `kept`: settings by their commands; `harmless`: extended commands that do not move.
@@ -61,6 +63,7 @@ class Firmware:
     name: str
     e_mode: str = "set"
     first_motion: str = ""
+    first_speed: float = 25.0
     modal: bool = False
     runs_all: bool = False
     extrudes: bool = True
@@ -75,10 +78,12 @@ class Firmware:
     bare_fan: bool = True
     one_acceleration: bool = False
     flow_tool: str = "T"
+    tool_begins_anew: bool = False
     coldest: bool = True
     home_ends: tuple[str, ...] = ()
     stands: tuple[str, ...] = ("G92 Z{z:.3f}",)
     shifts_machine: bool = False
+    skipping: str = "goes on"
     save: str = ""
     restore: str = ""
     stacks: bool = False

@@ -2,7 +2,7 @@
 
 - G0 is in force from the start, and a line holds several commands, of different groups (gcode.c).
 - E is no word that it knows (error 20). G4 takes P, in seconds, and nothing else (error 28).
-- F0 is refused where a motion needs a speed (error 22).
+- F0 is refused where a motion needs a speed (error 22), and so is such a motion before any F.
 - `(comments)` and `;` to the line's end are dropped, N words passed over (protocol.c, gcode.c).
 """
 
@@ -20,6 +20,7 @@ GRBL = Firmware(
     "grbl",
     e_mode="while",
     first_motion="G0",
+    first_speed=0.0,
     modal=True,
     runs_all=True,
     extrudes=False,

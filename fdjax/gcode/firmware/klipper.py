@@ -9,6 +9,8 @@
   than `max_extrude_cross_section` (4 x nozzle^2), are refused (kinematics/extruder.py, check_move).
 - Words alone are an unknown command, and so are M200 to M203, M205, M900 and their like: it says
   so and goes on (gcode.py, cmd_default).
+- Tools are macros around ACTIVATE_EXTRUDER, after which E counts from 0 and M221 is 100 %
+  (extras/gcode_move.py, `_handle_activate_extruder`).
 - M106 and M107 know one fan (extras/fan.py); M221 one flow; M302 is unknown.
 - It moves no axis that was not homed, G92 or not; SET_KINEMATIC_POSITION says where one is, if the
   printer has [force_move] with enable_force_move (extras/force_move.py).
@@ -23,7 +25,7 @@ _KNOWN = (
     *(f"M{number}" for number in (18, 20, 21, 23, 24, 25, 26, 27, 73, 82, 83, 84, 104, 105, 106)),
     *(f"M{number}" for number in (107, 109, 110, 112, 114, 115, 117, 118, 119, 140, 190, 204)),
     *(f"M{number}" for number in (220, 221, 400)),
-    *("SET_GCODE_OFFSET", "SET_KINEMATIC_POSITION", "TURN_OFF_HEATERS"),
+    *("SET_GCODE_OFFSET", "SET_KINEMATIC_POSITION", "TURN_OFF_HEATERS", "ACTIVATE_EXTRUDER"),
 )
 """Those of its modules; G10 and G11 of firmware_retraction, M73 and M117 of display_status."""
 
@@ -40,6 +42,7 @@ KLIPPER = Firmware(
     fan="",
     flow_tool="",
     one_acceleration=True,
+    tool_begins_anew=True,
     coldest=False,
     stands=("SET_KINEMATIC_POSITION Z={z:.3f}",),
     save="SAVE_GCODE_STATE",
@@ -66,9 +69,10 @@ KLIPPER = Firmware(
         "BED_MESH_PROFILE": Kept(once=("SAVE", "REMOVE"), ends=("BED_MESH_CLEAR",)),
         "BED_MESH_OFFSET": Kept(),
         "BED_MESH_CLEAR": Kept(ends=("BED_MESH_PROFILE",), bare=True),
+        "EXCLUDE_OBJECT": Kept(once=("NAME", "RESET", "CURRENT")),
         "EXCLUDE_OBJECT_DEFINE": _BY_NAME,
-        "EXCLUDE_OBJECT_START": Kept(),
-        "EXCLUDE_OBJECT_END": Kept(once=("NAME",), ends=("EXCLUDE_OBJECT_START",)),
+        "EXCLUDE_OBJECT_START": Kept(once=("NAME",)),
+        "EXCLUDE_OBJECT_END": Kept(once=("NAME",)),
     },
     harmless=frozenset(("RESPOND", "SET_DISPLAY_TEXT", "SET_PRINT_STATS_INFO", "STATUS")),
     known=frozenset(_KNOWN),

@@ -16,7 +16,8 @@
   stood, so they are turned off: the check has seen that the file stays within the room.
 - G60, G61 keep places, XYZE, and no modes: G60.cpp, G61.cpp.
 - G5: G5.cpp, where it is built with BEZIER_CURVE_SUPPORT.
-- M486 counts and marks objects; T begins anew: M486.cpp, cancel_object.h.
+- M486 counts and marks objects, T begins anew; of one that is left out E goes on and the axes stay:
+  M486.cpp, cancel_object.h, gcode.cpp, where it is built with CANCEL_OBJECTS.
 """
 
 from fdjax.gcode.firmware.base import Firmware, Kept
@@ -30,6 +31,7 @@ MARLIN = Firmware(
     save="G60",
     restore="G61",
     saves_place=True,
+    skipping="stays",
     kept={
         "M92": Kept(by=("T",), of_tool="T"),
         "M200": Kept(by=("T",), of_tool="T", over={"D": "S"}),
@@ -50,7 +52,7 @@ MARLIN = Firmware(
         "M413": Kept(),
         "M420": Kept(once=("V", "T", "C")),
         "M425": Kept(),
-        "M486": Kept(once=("U",), person=("P", "C")),
+        "M486": Kept(once=("S", "A", "P", "U", "C")),
         "M569": Kept(by=("X", "Y", "Z", "E", "T", "I")),
         "M593": Kept(by=("X", "Y")),
         "M851": Kept(),

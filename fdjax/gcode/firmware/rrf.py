@@ -35,7 +35,7 @@ REPRAP = Firmware(
         "M207": Kept(by=("P",)),
         "M302": Kept(),
         "M376": Kept(),
-        "M486": Kept(once=("U",), person=("P", "C")),
+        "M486": Kept(once=("S", "A", "P", "U", "C")),
         "M566": Kept(),
         "M572": Kept(by=("D",)),
         "M579": Kept(),

