@@ -17,7 +17,7 @@ from fdjax.plan.toolpath import Build
 class Written:
     """One machine file as it was read back: `measurement` and `comparison` are of the file,
     `shifted` of the same in windows shifted by half; `planned` is the plan's volume, and `thinned`
-    that of lines left out of it, mm^3.
+    that of lines left out of it, mm^3; `materials` is what was laid of two, as `Materials.laid`.
     """
 
     path: Path
@@ -30,6 +30,7 @@ class Written:
     comparison: Comparison
     shifted: Comparison
     coverage: float
+    materials: dict[str, Any] | None = None
 
     @property
     def errors(self) -> list[Finding]:
@@ -94,7 +95,7 @@ def report_of(
 
 def _facts(each: Written) -> dict[str, Any]:
     comparison, build = each.comparison, each.build
-    return {
+    facts = {
         "machine": each.machine.name,
         "unverified": list(each.machine.unverified),
         "window": float(each.measurement.x[1] - each.measurement.x[0]),
@@ -118,6 +119,7 @@ def _facts(each: Written) -> dict[str, Any]:
             for f in each.findings
         ],
     }
+    return facts if each.materials is None else facts | {"materials": each.materials}
 
 
 def table_of(job: Job, result: Design, written: list[Written], notes: list[str]) -> str:
@@ -134,6 +136,11 @@ def table_of(job: Job, result: Design, written: list[Written], notes: list[str])
             f" {sum(len(layer.roads) for layer in build.layers):6d}"
             f" {sum(layer.travel for layer in build.layers):8.1f} {len(each.findings):8d}"
         )
+        if each.materials is not None:
+            rows.append(
+                "  materials: {got:.4f} of the volume is the second, {asked:.4f} asked; "
+                "{changes} changes".format(**each.materials)
+            )
     return "\n".join(
         [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows", *notes]
     )
