@@ -23,7 +23,7 @@ def _frozen(values: ArrayLike) -> Floats:
     return array
 
 
-NO_NODES = ("", "xi", "eta", "curve")
+NO_NODES = ("", "xi", "eta", "curve", "polygon")
 """Families of roads that are no edges of graphs."""
 
 
@@ -37,8 +37,8 @@ class Road:
     - `material`: number of the material or tool, from 0.
     - `closed`: whether the last point runs on to the first.
     - `family`: "xi" or "eta" where the road follows grid lines of one family, "curve" for a
-      part of a curve, "" for no family; any other name where it follows edges of a graph, which may
-      meet at its points.
+      part of a curve, "polygon" for a face of a graph, "" for no family; any other name where it
+      follows edges of a graph, which may meet at its points.
     - `section`: area of each segment's section, shape (segments,), mm^2, where it is not the one
       of `section_area` in a layer's height. `role`: what a slicer says that the road is.
 

@@ -9,17 +9,19 @@ from fdjax.part.part import Part, Slab
 from fdjax.plan.drawing import lay_drawing
 from fdjax.plan.laid import Laid
 from fdjax.plan.lines import lay_lines
+from fdjax.plan.polygons import lay_polygons
 from fdjax.plan.room import Room
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.plan.tour import lay_curve
 from fdjax.plan.trail import lay_graph
 from fdjax.road.bead import road_width
-from fdjax.road.stroke import Curve, Drawing, Graph, Lines
+from fdjax.road.stroke import Curve, Drawing, Graph, Lines, Polygons
 
 LAYING: dict[type, Callable[..., Laid]] = {
     Lines: lay_lines,
     Graph: lay_graph,
     Drawing: lay_drawing,
+    Polygons: lay_polygons,
     Curve: lay_curve,
 }
 """How each kind of stroke is laid: its class and the function, which is called with the stroke and

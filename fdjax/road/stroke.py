@@ -65,6 +65,11 @@ class Drawing(Graph):
 
 
 @dataclass(frozen=True, eq=False)
+class Polygons(Graph):
+    """A graph whose faces are laid, each as a closed road inside its edges, not the edges."""
+
+
+@dataclass(frozen=True, eq=False)
 class Curve:
     """One road through a lattice of nodes, in squares of four that it goes through in some order.
 
@@ -81,4 +86,4 @@ class Curve:
     material: int = 0
 
 
-Stroke = Lines | Graph | Drawing | Curve
+Stroke = Lines | Graph | Drawing | Polygons | Curve
