@@ -40,13 +40,11 @@ CELLS = {
 }
 """What is laid on one layer, or on one and the next."""
 
+POINTS = {"centre": centre_points, "voronoi": circumcentres}
+"""Nodes of the duals, from those of a triangulation and its triangles."""
+
 LENGTH = {"triangles": 2 * np.sqrt(3), "centre": 2.0, "voronoi": 2.0}
 """Length of edges an area, times the distance of the triangulation's nodes, of the ideal mesh."""
-
-CORNERS = {"triangles": 2 * np.sqrt(3), "centre": 2 / np.sqrt(3), "voronoi": 2 / np.sqrt(3)}
-"""Road widths by which the two roads beside an edge are shorter than it, together, in the ideal
-mesh: of an angle t between sides a road half a width inside loses cot(t / 2) widths.
-"""
 
 _PIECES = 3
 """Pieces of an edge to a window's side, at least."""
@@ -105,7 +103,7 @@ class Mesh(AbstractSettings):
         sheets = list(_sheets(part, CELLS[self.cells], self.phases, flat))
         rooms = {region: region.inset(self.road_width / 2) for region in part.regions}
         stacks = _stacks(sheets)
-        rim = self._rim(part, flat)
+        rim = self._rim(part, target, flat)
         fields = self._fields(stacks, target, flat, rim)
         meshes = [
             _trimmed(relaxed(field, k * _GOLDEN % 1), field, rooms[stack.region])
@@ -129,7 +127,7 @@ class Mesh(AbstractSettings):
                 )
             ),
         )
-        points = circumcentres if dual == "voronoi" else centre_points
+        points = POINTS.get(dual, centre_points)
         graph = np.concatenate([nodes, points(nodes, triangles.nodes)])
         length = np.hypot(*np.diff(graph[edges.nodes], axis=1)[:, 0].T)
         walls = WallDistance.of(list(rooms.values()), window / _WALL_STEPS)
@@ -154,7 +152,7 @@ class Mesh(AbstractSettings):
             polygons=self.laid == "polygons",
         )
 
-    def _rim(self, part: Part, flat: bool) -> Points:
+    def _rim(self, part: Part, target: Target, flat: bool) -> Points:
         """The roads that polygons have along the walls: none where edges are laid."""
         places, volumes = [np.zeros((0, 3))], [np.zeros(0)]
         slabs = part.slabs if self.laid == "polygons" else ()
@@ -168,7 +166,11 @@ class Mesh(AbstractSettings):
                 at = shapely.line_interpolate_point(ring, share, normalized=True)
                 xy = shapely.get_coordinates(at)
                 places.append(np.column_stack([xy, np.full(count, z)]))
-                volumes.append(np.full(count, section * ring.length / count))
+                solid = np.asarray(target.solid(xy[:, 0], xy[:, 1], z))
+                # It is open by a width where an edge meets the wall: 2 / pi of their density.
+                packed = 1 - self.road_width * slab.height * solid / section
+                open_share = 2 / np.pi * (1 - np.sqrt(np.maximum(packed, 0.0)))
+                volumes.append(section * ring.length / count * (1 - open_share))
         return Points(np.concatenate(places), np.concatenate(volumes))
 
     def _fields(
@@ -241,8 +243,14 @@ class Mesh(AbstractSettings):
             sides, cells = mesh.edges[laid] + node, mesh.beside[laid] + cell
             ends = sides if sheet.kind == "triangles" else nodes + cells[:, ::-1]
             section = sum(section_area(self.road_width, slab.height) for slab in sheet.slabs)
-            alike = (places.index(sheet.slabs[0].region), sheet.z, section)
-            alike = (*alike, CORNERS[sheet.kind])
+            alike: tuple[Any, ...] = (places.index(sheet.slabs[0].region), sheet.z, section)
+            graph = (
+                mesh.xy
+                if sheet.kind == "triangles"
+                else POINTS[sheet.kind](mesh.xy, mesh.triangles)
+            )
+            own = mesh.edges[laid] if sheet.kind == "triangles" else mesh.beside[laid]
+            alike = (*alike, _corners(graph, own))
             pieces.append((ends, cells, sides, *(np.full(len(ends), each) for each in alike)))
         bounds = _offsets([len(piece[0]) for piece in pieces])
         return (
@@ -319,6 +327,27 @@ def _trimmed(mesh: Triangulation, field: SizeField, room: shapely.Geometry) -> T
     middle = mesh.xy[mesh.triangles].mean(1)
     shapely.prepare(room)
     return mesh.part(shapely.distance(room, shapely.points(middle)) <= field.at(middle))
+
+
+def _corners(xy: np.ndarray, edges: np.ndarray) -> float:
+    """Road widths by which the two roads beside an edge are shorter than it, together, in the mean.
+
+    In an angle t between two edges the road half a width inside loses cot(t / 2) widths.
+    """
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    along = xy[ends[:, 1]] - xy[ends[:, 0]]
+    angle = np.arctan2(along[:, 1], along[:, 0])
+    order = np.lexsort((angle, ends[:, 0]))
+    node, angle = ends[order, 0], angle[order]
+    degree = np.bincount(node, minlength=len(xy))
+    first = np.cumsum(degree) - degree
+    following = np.arange(len(node)) + 1
+    last = following == (first + degree)[node]
+    following[last] = first[node[last]]
+    turn = (angle[following] - angle) % (2 * np.pi)
+    # Nodes at the rim of a mesh have faces on one side only.
+    whole = (degree[node] > 2) & (turn > 0) & (turn < np.pi)
+    return float((1 / np.tan(turn[whole] / 2)).sum() / whole.sum() * 2)
 
 
 def _offsets(counts: list[int]) -> list[int]:

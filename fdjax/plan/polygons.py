@@ -18,6 +18,9 @@ _APART = 2e-3
 _SMALL = 0.3
 """A face that a wall has cut to less than this share of the median joins a neighbour."""
 
+_SPIKE = 3.0
+"""Corners sharper than of about 40 degrees are blunted: so many half widths from side to tip."""
+
 
 def lay_polygons(
     polygons: Polygons,
@@ -56,7 +59,11 @@ def lay_polygons(
     shapely.prepare(geometry)
     faces = faces[shapely.contains(geometry, shapely.point_on_surface(faces))]
     faces = _whole(faces)
-    inner = shapely.buffer(faces, -wide / 2 - _APART / 2, join_style="mitre", mitre_limit=20)
+    # Where a road would lie on its own other side it does not go.
+    inset = shapely.buffer(faces, -(wide + _APART) / 2, join_style="mitre", mitre_limit=20)
+    deep = shapely.buffer(faces, -wide - _APART / 2, join_style="mitre", mitre_limit=20)
+    opened = shapely.buffer(deep, wide / 2, join_style="mitre", mitre_limit=_SPIKE)
+    inner = shapely.intersection(opened, inset)
     roads = []
     for part in np.asarray(shapely.get_parts(inner)).tolist():
         if not isinstance(part, Polygon) or part.is_empty:

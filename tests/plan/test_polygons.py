@@ -46,6 +46,7 @@ def test_a_hole_takes_its_place_out_of_faces():
 
 
 def test_faces_too_small_for_a_road_are_left_out():
-    laid = lay_polygons(grid(3, 0.7), shapely.box(0, 0, 2.1, 2.1), least_road=2.0)
+    laid = lay_polygons(grid(3, 1.1), shapely.box(0, 0, 3.3, 3.3), least_road=4.0)
     assert laid.roads == ()
     assert len(laid.left_out) == 9
+    assert lay_polygons(grid(3, 0.7), shapely.box(0, 0, 2.1, 2.1)).roads == ()
