@@ -9,15 +9,17 @@ from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.plan.check import Finding
 from fdjax.plan.compare import Comparison
-from fdjax.plan.measure import Measurement
+from fdjax.plan.measure import Measurement, solid_shares
 from fdjax.plan.toolpath import Build
+from fdjax.road.stroke import Subdomain
 
 
 @dataclass(frozen=True, eq=False)
 class Written:
     """One machine file as it was read back: `measurement` and `comparison` are of the file,
     `shifted` of the same in windows shifted by half; `planned` is the plan's volume, and `thinned`
-    that of lines left out of it, mm^3; `materials` is what was laid of two, as `Materials.laid`.
+    that of lines left out of it, mm^3; `materials` is what was laid of two, as `Materials.laid`;
+    `subdomains`: that the plan's layers fall into.
     """
 
     path: Path
@@ -31,6 +33,7 @@ class Written:
     shifted: Comparison
     coverage: float
     materials: dict[str, Any] | None = None
+    subdomains: tuple[Subdomain, ...] = ()
 
     @property
     def errors(self) -> list[Finding]:
@@ -119,6 +122,9 @@ def _facts(each: Written) -> dict[str, Any]:
             for f in each.findings
         ],
     }
+    if each.subdomains:
+        outlines = [some.outline for some in each.subdomains]
+        facts["subdomains_solid_got"] = solid_shares(build, outlines).tolist()
     return facts if each.materials is None else facts | {"materials": each.materials}
 
 

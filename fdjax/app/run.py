@@ -84,9 +84,11 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if kind == "ssl":
             path.write_text(module(path).write(plan, machine), encoding="utf-8")
             continue
+        subdomains = plan.layers[0].subdomains
         plan = _of_materials(job, part, plan, machine)
         plan = _trimmed(job, result, plan, machine)
         written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
+        written[-1] = replace(written[-1], subdomains=subdomains)
         if job.materials.given:
             laid = job.materials.laid(part, target, written[-1].build)
             written[-1] = replace(written[-1], materials=laid)
