@@ -28,10 +28,20 @@ def inset(outline: Outline, by: float) -> Outline:
     return shapely.buffer(outline, -by, join_style="mitre", mitre_limit=3)
 
 
+def opened(outline: Outline, width: float) -> Outline:
+    """An outline without what is narrower than a road, where it would lie on its other side."""
+    deep = inset(outline, width / 2)
+    wide = shapely.buffer(deep, width / 2, join_style="mitre", mitre_limit=3)
+    left = shapely.intersection(wide, outline)
+    return left if isinstance(left, Outline) else shapely.MultiPolygon()
+
+
 def rings(outline: Outline) -> list[Floats]:
     """Closed paths (n, 2) along all sides of an outline, the first point not repeated."""
     found = []
-    for polygon in shapely.get_parts(shapely.simplify(outline, _FINE)):
+    for polygon in np.atleast_1d(shapely.get_parts(shapely.simplify(outline, _FINE))).tolist():
+        if not isinstance(polygon, shapely.Polygon):
+            continue
         for ring in (polygon.exterior, *polygon.interiors):
             xy = shapely.get_coordinates(ring)[:-1]
             if len(xy) > 2:
@@ -39,11 +49,11 @@ def rings(outline: Outline) -> list[Floats]:
     return found
 
 
-def contours(room: Outline, spacing: float, phase: float) -> list[Floats]:
+def contours(room: Outline, width: float, spacing: float, phase: float) -> list[Floats]:
     """Closed paths at distances of (k + phase) spacings from the sides of the room."""
     found, depth = [], phase * spacing
     while not (at := inset(room, depth)).is_empty:
-        found += rings(at)
+        found += rings(opened(at, width))
         depth += spacing
     return found
 

@@ -12,7 +12,15 @@ from jaxtyping import Array, Bool, Float
 
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Penalties
-from fdjax.pattern.raster_paths import Floats, Outline, contours, inset, raster, rings
+from fdjax.pattern.raster_paths import (
+    Floats,
+    Outline,
+    contours,
+    inset,
+    opened,
+    raster,
+    rings,
+)
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.stroke import Paths, Subdomain
@@ -63,18 +71,16 @@ class Fill:
         """Closed and open centre lines, (n, 2), mm, on a layer."""
         step = self.width + _APART
         margin = self.width / 2 + _CLEAR
-        closed = [
-            ring
-            for k in range(self.perimeters)
-            for ring in rings(inset(self.outline, margin + k * step))
-        ]
-        room = inset(self.outline, margin + self.perimeters * step)
+        closed = []
+        for k in range(self.perimeters):
+            closed += rings(opened(inset(self.outline, margin + k * step), self.width))
+        room = opened(inset(self.outline, margin + self.perimeters * step), self.width)
         if room.is_empty:
             return closed, []
         spacing = step + self.gap
         if self.kind == "contour":
             # The first keeps an air gap from the perimeters, as the others do.
-            return closed + contours(room, spacing, way.phase * self.gap / spacing), []
+            return closed + contours(room, self.width, spacing, way.phase * self.gap / spacing), []
         return closed, raster(room, self.angle + way.turn, spacing, way.phase)
 
     def length(self, way: Way) -> float:
