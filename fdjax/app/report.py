@@ -9,9 +9,8 @@ from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.plan.check import Finding
 from fdjax.plan.compare import Comparison
-from fdjax.plan.measure import Measurement, solid_shares
+from fdjax.plan.measure import Measurement
 from fdjax.plan.toolpath import Build
-from fdjax.road.stroke import Subdomain
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +18,7 @@ class Written:
     """One machine file as it was read back: `measurement` and `comparison` are of the file,
     `shifted` of the same in windows shifted by half; `planned` is the plan's volume, and `thinned`
     that of lines left out of it, mm^3; `materials` is what was laid of two, as `Materials.laid`;
-    `subdomains`: that the plan's layers fall into.
+    `subdomains`: solid share that was got in each of them.
     """
 
     path: Path
@@ -33,7 +32,7 @@ class Written:
     shifted: Comparison
     coverage: float
     materials: dict[str, Any] | None = None
-    subdomains: tuple[Subdomain, ...] = ()
+    subdomains: tuple[float, ...] = ()
 
     @property
     def errors(self) -> list[Finding]:
@@ -63,9 +62,25 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
             what = f"{what} windows, {job.target.tolerance:g} is allowed"
             why = f" (limited by {' and '.join(result.limited_by)})" if result.limited_by else ""
             faults.append((each.path, what + why))
+        faults += [(each.path, f"{each.path.name}: {what}") for what in _uneven(result, each)]
         for finding in each.errors:
             faults.append((each.path, f"{each.path.name}: {finding}"))
     return faults
+
+
+def _uneven(result: Design, each: Written) -> list[str]:
+    """Sub-domains whose mean is not the one that was asked, where the target sets it."""
+    some = result.pattern.facts(result.controls).get("subdomains", ())
+    return [
+        f"sub-domain {number}: a mean solid share of {fact['solid_asked']:.4f} is asked, and "
+        f"{got:.4f} is laid"
+        for number, (fact, got) in enumerate(zip(some, each.subdomains, strict=False), 1)
+        if fact["by_target"] and abs(got / fact["solid_asked"] - 1) > UNEVEN
+    ]
+
+
+UNEVEN = 0.005
+"""Share by which the mean of a sub-domain may be off."""
 
 
 def report_of(
@@ -123,8 +138,7 @@ def _facts(each: Written) -> dict[str, Any]:
         ],
     }
     if each.subdomains:
-        outlines = [some.outline for some in each.subdomains]
-        facts["subdomains_solid_got"] = solid_shares(build, outlines).tolist()
+        facts["subdomains_solid_got"] = list(each.subdomains)
     return facts if each.materials is None else facts | {"materials": each.materials}
 
 

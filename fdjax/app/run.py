@@ -24,7 +24,7 @@ from fdjax.plan.check import Finding, check
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
 from fdjax.plan.materials import assigned
-from fdjax.plan.measure import measure
+from fdjax.plan.measure import measure, solid_shares
 from fdjax.plan.toolpath import Build
 from fdjax.plan.trace import lay, trim
 from fdjax.target.target import Target
@@ -84,11 +84,13 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if kind == "ssl":
             path.write_text(module(path).write(plan, machine), encoding="utf-8")
             continue
-        subdomains = plan.layers[0].subdomains
+        outlines = [some.outline for some in plan.layers[0].subdomains]
         plan = _of_materials(job, part, plan, machine)
         plan = _trimmed(job, result, plan, machine)
         written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
-        written[-1] = replace(written[-1], subdomains=subdomains)
+        if outlines:
+            shares = solid_shares(written[-1].build, outlines)
+            written[-1] = replace(written[-1], subdomains=tuple(shares.tolist()))
         if job.materials.given:
             laid = job.materials.laid(part, target, written[-1].build)
             written[-1] = replace(written[-1], materials=laid)

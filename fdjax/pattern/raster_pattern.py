@@ -49,7 +49,7 @@ class Fill:
     - `outline`; `kind`: "raster" or "contour"; `angle`: degrees with the x axis.
     - `width`: of roads, by which they keep apart; `laid`: that they are laid with; `gap`: between
       them; mm. `perimeters`: closed roads along its sides.
-    - `asked`: mean solid share.
+    - `asked`: mean solid share; `by_target`: whether the gap follows from it.
     """
 
     outline: Outline
@@ -60,6 +60,7 @@ class Fill:
     gap: float
     perimeters: int
     asked: float
+    by_target: bool = True
 
     def at(self, gap: float) -> "Fill":
         return replace(self, gap=gap)
@@ -94,8 +95,9 @@ class Fill:
 
 
 class Realised(NamedTuple):
-    """Density of centre line in each sub-domain, 1/mm, shape (d,)."""
+    """Air gap, mm, and density of centre line, 1/mm, in each sub-domain, shape (d,)."""
 
+    gaps: Array
     density: Array
     made: Bool[Array, ""]
 
@@ -124,7 +126,7 @@ class RasterPattern(AbstractPattern):
         spacing = np.array([fill.width + fill.gap for fill in self.fills])
         width = np.array([fill.width for fill in self.fills])
         density = jnp.asarray(first * spacing) / (width + controls)
-        return Realised(density, jnp.isfinite(density).all())
+        return Realised(controls, density, jnp.isfinite(density).all())
 
     def _density(self, fill: Fill) -> float:
         """Centre line an area, a mean of the layers, 1/mm."""
@@ -153,8 +155,8 @@ class RasterPattern(AbstractPattern):
         return jnp.asarray(xyz), 1 - realised.density * section / height, jnp.asarray(volume)
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
-        """Air gaps below 0."""
-        return {"gap": -realised.density * 0 - 1.0}
+        """Air gaps below 0, as shares of the road width."""
+        return {"gap": -realised.gaps / np.array([fill.width for fill in self.fills])}
 
     def roughness(self, controls: Array) -> Float[Array, " n"]:
         return jnp.zeros(1)
@@ -186,6 +188,7 @@ class RasterPattern(AbstractPattern):
                     "perimeters": fill.perimeters,
                     "area": fill.outline.area,
                     "solid_asked": fill.asked,
+                    "by_target": fill.by_target,
                 }
                 for fill, gap in zip(self.fills, controls, strict=True)
             ],

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 
 from fdjax.errors import InputError
-from fdjax.keys import LENGTH, Kind, Place, choice, choices, key, number, pair, points, show, whole
+from fdjax.keys import LENGTH, Kind, Place, choice, key, number, pair, points, show, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.part.region import Region
@@ -97,10 +97,7 @@ class Rasters(AbstractSettings):
         _several(number(0)), "between roads, mm, of each in turn; by default what the target asks",
         default=None, shown="by target",
     )  # fmt: skip
-    controls: tuple[str, ...] = key(
-        choices("none", least=0), "what an optimiser may change: nothing, gaps follow exactly",
-        default=[], table="design",
-    )  # fmt: skip
+    controls = ()
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> RasterPattern:
         """The fills of all sub-domains, with the air gaps that meet the mean of each.
@@ -128,6 +125,7 @@ class Rasters(AbstractSettings):
                 0.0,
                 self.perimeters,
                 _asked(outline, target, part),
+                self.air_gaps is None,
             )
             fills.append(self._gapped(own, number_, part, ways, limits))
         return RasterPattern(
