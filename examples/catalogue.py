@@ -1,7 +1,7 @@
-"""Every texture, recursive cell, space-filling curve and raster, uniform and graded: a picture and
+"""Textures, recursive cells, space-filling curves and rasters, uniform and graded: a picture and
 a table of the errors of porosity, measured in the written G-code.
 
-    python examples/catalogue.py --out out/
+    python examples/catalogue.py --out examples/
     python examples/catalogue.py --out out/ --only hexagonal hilbert
 """
 
@@ -14,16 +14,17 @@ from typing import Any
 import jax
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
+from PIL import Image
 
 from fdjax.app import config
 from fdjax.app.run import design
 from fdjax.formats import read_file
-from fdjax.pattern.curve_order import NAMES as CURVES
 from fdjax.pattern.drawings import NAMES as CELLS
 from fdjax.plan.toolpath import Layer
 from fdjax.view.strips import strips
 
 SIDE = 40.0
+CURVES = ("hilbert", "moore", "peano", "meander")
 TARGETS = {"uniform": "0.3", "graded": f"0.2 + 0.22*x/{SIDE:g}"}
 CARPET = {
     "size": [1, 1],
@@ -44,6 +45,20 @@ PATTERNS: dict[str, dict[str, Any]] = {
     "contours": {"kind": "rasters", "fills": ["contour"]},
 }
 """What `[pattern]` of a job says, by what the page calls it."""
+
+
+PAGE = f"""# Catalogue
+
+Textures, recursive cells, space-filling curves, polygons and rasters on {SIDE:g} x {SIDE:g} x 2 mm,
+solid share {TARGETS["uniform"]} and {TARGETS["graded"]}: the top layer of each file, and the errors
+of porosity in 5 mm windows over all layers, measured in the written G-code. Rasters meet the mean
+of each sub-domain, and a target that changes inside one only in the mean.
+The page before this one is [examples](README.md); this one and its picture are made by
+`python examples/catalogue.py --out examples/`.
+
+![top layers](catalogue.png)
+
+"""
 
 
 def one(pattern: dict[str, Any], target: str, folder: Path) -> tuple[dict[str, Any], Layer]:
@@ -67,7 +82,7 @@ def drawn(figure: Figure, layers: dict[tuple[str, str], Layer]) -> None:
     names = list(dict.fromkeys(name for name, _ in layers))
     across = min(6, len(names))
     rows = 2 * -(-len(names) // across)
-    figure.set_size_inches(2.1 * across, 2.3 * rows)
+    figure.set_size_inches(2.1 * across, 2.6 * rows)
     axes = figure.subplots(rows, across, squeeze=False)
     for each in axes.flat:
         each.set_axis_off()
@@ -102,10 +117,13 @@ def main(arguments: list[str] | None = None) -> None:
         rms = " | ".join(f"{facts['rms']:.4f}" for facts in found)
         rows.append(f"| {name} | `{keys}` | {rms} | {100 * worst:.2g} % |")
         print(rows[-1], flush=True)
-    (given.out / "catalogue.md").write_text("\n".join(rows) + "\n")
+    (given.out / "catalogue.md").write_text(PAGE + "\n".join(rows) + "\n")
     figure = Figure()
     drawn(figure, layers)
     figure.savefig(given.out / "catalogue.png", dpi=110)
+    with Image.open(given.out / "catalogue.png") as picture:
+        few = picture.convert("RGB").quantize(8)
+    few.save(given.out / "catalogue.png", optimize=True)
 
 
 if __name__ == "__main__":
