@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fdjax.app.materials import FORMULA, Materials
 from fdjax.app.part import Part
 from fdjax.errors import InputError
 from fdjax.keys import (
@@ -49,19 +50,8 @@ def _machine(value: Any, place: Place) -> str:
     return str(FILE.read(value, place)) if name.endswith(".toml") else name
 
 
-def _formula(value: Any, place: Place) -> str:
-    from fdjax.target.expression import Expression
-
-    text = value if isinstance(value, str) else show(value)
-    try:
-        return Expression(text).text
-    except InputError as fault:
-        raise place.error(fault) from None
-
-
 NAME = Kind("letters, digits, _ - .", _name)
 MACHINE = Kind("profile's name or `.toml` file", _machine)
-FORMULA = Kind("formula in x, y", _formula)
 PROPORTION = number(0, 1)
 FILE_KINDS = ("gcode", "sml", "ssl")
 ANY = (-math.inf, math.inf)
@@ -132,6 +122,7 @@ class Job:
     pattern: "AbstractSettings"
     kind: str
     design: Design = Design()
+    materials: Materials = Materials()
     name: str = key(NAME, "of the part and of its files", default="part", shown="the file's")
     machine: str = key(MACHINE, "whose limits the design keeps", default="marlin-0.4")
     gcode_machine: str = key(
@@ -154,7 +145,7 @@ class Job:
 REPORTS = ("report.json", "roads.png", "porosity.png", "laplacians.png")
 """What a design may write beside machine files."""
 
-_TABLES = {"part": Part, "target": TargetSource, "design": Design}
+_TABLES = {"part": Part, "target": TargetSource, "design": Design, "materials": Materials}
 
 KIND = choice(*PATTERNS)
 

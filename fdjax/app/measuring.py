@@ -79,6 +79,16 @@ class Answer:
         x, y = self.measurement.x, self.measurement.y
         return float(error[i, j]), float(x[i] + x[i + 1]) / 2, float(y[j] + y[j + 1]) / 2
 
+    @property
+    def materials(self) -> dict[str, float]:
+        """Volume of each material or tool, by its number, mm^3."""
+        found: dict[str, float] = {}
+        for layer in self.build.layers:
+            for road in layer.roads:
+                volume = float(road.segment_volumes(layer.height).sum())
+                found[str(road.material)] = found.get(str(road.material), 0.0) + volume
+        return dict(sorted(found.items()))
+
     def facts(self) -> dict[str, Any]:
         """All that was measured, as plain data for JSON; windows left out are None."""
         largest, x, y = self.worst
@@ -100,6 +110,7 @@ class Answer:
             "travel": sum(layer.travel for layer in layers),
             "layers": len(layers),
             "roads": sum(len(layer.roads) for layer in layers),
+            "materials": self.materials,
             "reading": dict(self.build.reading),
             "x": self.measurement.x.tolist(),
             "y": self.measurement.y.tolist(),
@@ -112,6 +123,7 @@ class Answer:
         fact = self.facts()
         x, y = fact["largest_at"]
         where = f"{fact['window']:g} mm windows{', shifted by half' * fact['shifted']}"
+        materials = fact["materials"] if len(fact["materials"]) > 1 else {}
         return "\n".join(
             [
                 f"{fact['file']}: {fact['layers']} layers, {fact['roads']} roads",
@@ -121,6 +133,10 @@ class Answer:
                 f"largest error     {fact['largest']:+8.4f}  at ({x:.4g}, {y:.4g}) mm",
                 f"coverage          {fact['coverage']:8.4f}  of the outline, seen from above",
                 f"volume            {fact['volume']:8.1f}  mm^3",
+                *(
+                    f"material {number:<9}{volume:8.1f}  mm^3, {volume / fact['volume']:.4f} of it"
+                    for number, volume in materials.items()
+                ),
                 f"travel            {fact['travel']:8.1f}  mm inside layers",
                 *(f"{what:<17} {said}" for what, said in fact["reading"].items()),
             ]

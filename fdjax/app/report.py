@@ -17,7 +17,8 @@ from fdjax.plan.toolpath import Build
 class Written:
     """One machine file as it was read back: `measurement` and `comparison` are of the file,
     `shifted` of the same in windows shifted by half; `planned` is the plan's volume, and `thinned`
-    that of lines left out of it, mm^3.
+    that of lines left out of it, mm^3; `materials` is what was laid of two, as `Materials.laid`;
+    `subdomains`: solid share that was got in each of them.
     """
 
     path: Path
@@ -30,6 +31,8 @@ class Written:
     comparison: Comparison
     shifted: Comparison
     coverage: float
+    materials: dict[str, Any] | None = None
+    subdomains: tuple[float, ...] = ()
 
     @property
     def errors(self) -> list[Finding]:
@@ -59,9 +62,25 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
             what = f"{what} windows, {job.target.tolerance:g} is allowed"
             why = f" (limited by {' and '.join(result.limited_by)})" if result.limited_by else ""
             faults.append((each.path, what + why))
+        faults += [(each.path, f"{each.path.name}: {what}") for what in _uneven(result, each)]
         for finding in each.errors:
             faults.append((each.path, f"{each.path.name}: {finding}"))
     return faults
+
+
+def _uneven(result: Design, each: Written) -> list[str]:
+    """Sub-domains whose mean is not the one that was asked, where the target sets it."""
+    some = result.pattern.facts(result.controls).get("subdomains", ())
+    return [
+        f"sub-domain {number}: a mean solid share of {fact['solid_asked']:.4f} is asked, and "
+        f"{got:.4f} is laid"
+        for number, (fact, got) in enumerate(zip(some, each.subdomains, strict=False), 1)
+        if fact["by_target"] and abs(got / fact["solid_asked"] - 1) > UNEVEN
+    ]
+
+
+UNEVEN = 0.005
+"""Share by which the mean of a sub-domain may be off."""
 
 
 def report_of(
@@ -94,7 +113,7 @@ def report_of(
 
 def _facts(each: Written) -> dict[str, Any]:
     comparison, build = each.comparison, each.build
-    return {
+    facts = {
         "machine": each.machine.name,
         "unverified": list(each.machine.unverified),
         "window": float(each.measurement.x[1] - each.measurement.x[0]),
@@ -118,6 +137,9 @@ def _facts(each: Written) -> dict[str, Any]:
             for f in each.findings
         ],
     }
+    if each.subdomains:
+        facts["subdomains_solid_got"] = list(each.subdomains)
+    return facts if each.materials is None else facts | {"materials": each.materials}
 
 
 def table_of(job: Job, result: Design, written: list[Written], notes: list[str]) -> str:
@@ -134,6 +156,11 @@ def table_of(job: Job, result: Design, written: list[Written], notes: list[str])
             f" {sum(len(layer.roads) for layer in build.layers):6d}"
             f" {sum(layer.travel for layer in build.layers):8.1f} {len(each.findings):8d}"
         )
+        if each.materials is not None:
+            rows.append(
+                "  materials: {got:.4f} of the volume is the second, {asked:.4f} asked; "
+                "{changes} changes".format(**each.materials)
+            )
     return "\n".join(
         [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows", *notes]
     )

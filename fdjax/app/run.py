@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -18,10 +19,12 @@ from fdjax.optimise.design import Design
 from fdjax.optimise.design import design as solve
 from fdjax.optimise.least_squares import Progress
 from fdjax.optimise.objective import WHOLE
+from fdjax.part.part import Part
 from fdjax.plan.check import Finding, check
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
-from fdjax.plan.measure import measure
+from fdjax.plan.materials import assigned
+from fdjax.plan.measure import measure, solid_shares
 from fdjax.plan.toolpath import Build
 from fdjax.plan.trace import lay, trim
 from fdjax.target.target import Target
@@ -42,6 +45,8 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     main = setting.machine_of(job, "ssl")
     setting.check_fits(job, part, main)
     setting.check_lines(job, part, target, main)
+    for machine in machines.values():
+        job.materials.check(machine)
     narrow, tips = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
@@ -79,8 +84,16 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if kind == "ssl":
             path.write_text(module(path).write(plan, machine), encoding="utf-8")
             continue
+        outlines = [some.outline for some in plan.layers[0].subdomains]
+        plan = _of_materials(job, part, plan, machine)
         plan = _trimmed(job, result, plan, machine)
         written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
+        if outlines:
+            shares = solid_shares(written[-1].build, outlines)
+            written[-1] = replace(written[-1], subdomains=tuple(shares.tolist()))
+        if job.materials.given:
+            laid = job.materials.laid(part, target, written[-1].build)
+            written[-1] = replace(written[-1], materials=laid)
     notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips]
     faults = faults_of(job, result, written)
     _pictures(job, folder, result, written)
@@ -141,12 +154,30 @@ def _plan(job: Job, result: Design, machine: Machine) -> Build:
         result.part,
         lift_length=machine.lift_length,
         least_spacing=machine.limits.least_spacing,
-        # Rounding to the file's steps may take a little off.
-        least_road=machine.limits.least_road + moved if machine.limits.least_road else 0.0,
+        least_road=_least_road(machine),
         tolerance=TOLERANCE,
         clearance=moved,
         name=job.name,
     )
+
+
+def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
+    """The plan with each road of its material."""
+    if not job.materials.given:
+        return plan
+    return assigned(
+        plan,
+        job.materials.rule(part),
+        job.materials.tools,
+        split=job.materials.split,
+        least_road=_least_road(machine),
+    )
+
+
+def _least_road(machine: Machine) -> float:
+    """Shortest road, mm, that is planned: rounding to the file's steps may take a little off."""
+    least = machine.limits.least_road
+    return least + TOLERANCE + STEP[machine.format] if least else 0.0
 
 
 def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:

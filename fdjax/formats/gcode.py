@@ -16,6 +16,7 @@ from fdjax.errors import InputError
 from fdjax.formats import header, hosts
 from fdjax.formats.assembly import layer_mark, road_mark
 from fdjax.formats.gcode_reader import read
+from fdjax.formats.gcode_tower import towers
 from fdjax.formats.profile import Gcode, Machine
 from fdjax.formats.template import fill
 from fdjax.plan.toolpath import Build, Layer, Road
@@ -101,7 +102,7 @@ def write(build: Build, machine: Machine) -> str:
     out += ["M83" if tables.relative_e else "M82", "G92 E0"]
     nozzle = _Nozzle(out, tables, np.asarray(build.origin))
     outline = ""
-    for index, layer in enumerate(build.layers):
+    for index, (layer, tower) in enumerate(zip(build.layers, towers(build, machine), strict=True)):
         text = header.outline_text(layer.outline)
         if text != outline:
             out += header.lines(";", {"outline": text})
@@ -112,10 +113,17 @@ def write(build: Build, machine: Machine) -> str:
         motion = tables.motion
         speed = motion.first_layer_speed if index == 0 else motion.print_speed
         for road in layer.roads:
+            if tower and (road.material != nozzle.tool or not _changes(layer, nozzle.tool)):
+                nozzle.prime(replace(tower.pop(0), material=road.material), layer, speed)
             nozzle.lay(road, layer, speed)
     end = fill(tables.end, values)
     out += [*hosts.summary([*out, *end], build, machine), *end, "; fdjax end", ""]
     return "\n".join(out)
+
+
+def _changes(layer: Layer, tool: int) -> bool:
+    """Whether a layer that begins with this tool asks for another."""
+    return any(road.material != tool for road in layer.roads)
 
 
 def _placeholder_values(build: Build, machine: Machine, tables: Gcode) -> Mapping[str, object]:
@@ -143,7 +151,9 @@ class _Nozzle:
         self._tables = tables
         self._origin = origin
         self._per_volume = tables.extrusion.flow / (math.pi / 4 * tables.extrusion.filament**2)
-        self._tool = 0
+        self.tool = 0
+        self._hot = {0}  # tools at the heat at which they lay
+        self._met = {0}  # tools that were in use
         self._at: tuple[float, float] | None = None
         self._z: float | None = None
         self._feed = 0.0
@@ -151,14 +161,24 @@ class _Nozzle:
         self._laid = 0.0  # what the file says it has laid, rounded
         self._zero = 0.0  # where G92 E0 was
 
+    def prime(self, road: Road, layer: Layer, speed: float) -> None:
+        """Write one road of the tower, in machine coordinates, which counts as no road."""
+        self._out.append("; fdjax prime begin")
+        self._lay(road, np.round(road.path, _XYZ_DECIMALS) + 0.0, layer, speed)
+        self._out.append("; fdjax prime end")
+
     def lay(self, road: Road, layer: Layer, speed: float) -> None:
         """Write one road, with what must come before it."""
-        path = _on_bed(road, self._origin)
+        self._lay(road, _on_bed(road, self._origin), layer, speed, road_mark(";", road))
+
+    def _lay(
+        self, road: Road, path: NDArray[np.float64], layer: Layer, speed: float, mark: str = ""
+    ) -> None:
         self._select(road.material)
         self._travel((float(path[0, 0]), float(path[0, 1])), layer.z)
-        self._out.append(road_mark(";", road))
+        self._out += [mark] if mark else []
         volumes = road.areas(layer.height) * np.hypot(*np.diff(path, axis=0).T)
-        exact = self._exact.get(self._tool, 0.0) + np.cumsum(volumes) * self._per_volume
+        exact = self._exact.get(self.tool, 0.0) + np.cumsum(volumes) * self._per_volume
         laid = np.round(exact, _E_DECIMALS)
         e = np.diff(laid, prepend=self._laid) if self._tables.relative_e else laid - self._zero
         first = len(self._out)
@@ -169,14 +189,28 @@ class _Nozzle:
         if self._feed != speed:
             self._out[first] += f" F{60 * speed:g}"
             self._feed = speed
-        self._exact[self._tool], self._laid = float(exact[-1]), float(laid[-1])
+        self._exact[self.tool], self._laid = float(exact[-1]), float(laid[-1])
         self._at = (float(path[-1, 0]), float(path[-1, 1]))
 
     def _select(self, tool: int) -> None:
-        if tool != self._tool:
-            self._out += [f"T{tool}", "G92 E0"]
-            self._tool, self._at = tool, None
-            self._laid = self._zero = round(self._exact.get(tool, 0.0), _E_DECIMALS)
+        if tool == self.tool:
+            return
+        old, new = self._tables.tool_at(self.tool), self._tables.tool_at(tool)
+        if old.park > 0:
+            self._filament(-old.park)
+        if old.standby:
+            self._out.append(f"M104 T{self.tool} S{old.standby}")
+            self._hot.discard(self.tool)
+        self._out += [f"T{tool}", "G92 E0"]
+        if tool not in self._hot:
+            self._out.append(f"M109 T{tool} S{new.nozzle}")
+            self._hot.add(tool)
+        self._laid = self._zero = round(self._exact.get(tool, 0.0), _E_DECIMALS)
+        if new.park > 0 and tool in self._met:
+            # E is 0 where the filament was parked.
+            self._out += [f"G1 E{new.park:.5f} F{60 * self._tables.retraction.speed:g}", "G92 E0"]
+        self.tool, self._at, self._feed = tool, None, 0.0
+        self._met.add(tool)
 
     def _travel(self, to: tuple[float, float], z: float) -> None:
         moves = to != self._at
@@ -184,10 +218,12 @@ class _Nozzle:
             return
         motion, retraction = self._tables.motion, self._tables.retraction
         far = self._at is None or math.dist(to, self._at) >= retraction.least_travel
-        retracts = moves and far and retraction.length > 0
+        own = self._tables.tool_at(self.tool).retract
+        length = retraction.length if own is None else own
+        retracts = moves and far and length > 0
         hop = retraction.hop if retracts else 0.0
         if retracts:
-            self._filament(-retraction.length)
+            self._filament(-length)
         if z + hop != self._z:
             self._out.append(f"G1 Z{z + hop:.3f} F{60 * motion.z_speed:g}")
         if moves:
@@ -195,7 +231,7 @@ class _Nozzle:
         if hop:
             self._out.append(f"G1 Z{z:.3f} F{60 * motion.z_speed:g}")
         if retracts:
-            self._filament(retraction.length)
+            self._filament(length)
         self._at, self._z, self._feed = to, z, 0.0
 
     def _filament(self, length: float) -> None:

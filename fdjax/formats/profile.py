@@ -67,12 +67,40 @@ class Cooling:
 
 
 @dataclass(frozen=True)
+class Tool:
+    """One of several tools.
+
+    - `nozzle`: degrees Celsius while it lays; `standby`: while another does, 0 leaves it as hot.
+    - `retract`: mm pulled back before a travel; `park`: mm pulled back before another takes over,
+      and given back when it is its turn again.
+    """
+
+    nozzle: int = key(strict.whole(0, 500))
+    standby: int = key(strict.whole(0, 500), default=0)
+    retract: float | None = key(strict.length(0, 20), default=None)
+    park: float = key(strict.length(0, 100), default=0.0)
+
+
+@dataclass(frozen=True)
+class Tower:
+    """A square on the bed, laid solid layer by layer as far up as tools change, to prime them.
+
+    - `at`: its corner of least x and y, machine coordinates, mm; `side`: mm, rounded to whole
+      roads.
+    """
+
+    at: tuple[float, float] = key(strict.lengths(2, -10_000, 10_000))
+    side: float = key(strict.length(2, 200))
+
+
+@dataclass(frozen=True)
 class Gcode:
     """What the G-code writer needs of a machine.
 
     - `tools`: how many it has; `relative_e`: M83, else M82.
     - `start`: code that heats and homes; `prime`: code that deposits outside the part, relative
       E; `end`: code that turns everything off. `template.GCODE_NAMES` lists the placeholders.
+    - `tool`: of each tool, where there are several; `tower`: where they are primed, or None.
     """
 
     tools: int = key(strict.whole(1, 16))
@@ -85,6 +113,12 @@ class Gcode:
     temperature: Temperature = key(table(Temperature))
     retraction: Retraction = key(table(Retraction))
     cooling: Cooling = key(table(Cooling))
+    tool: tuple[Tool, ...] = key(strict.tables(Tool), default=())
+    tower: Tower | None = key(table(Tower), default=None)
+
+    def tool_at(self, number: int) -> Tool:
+        """What is known of a tool; of one that no table describes, what holds for all."""
+        return self.tool[number] if self.tool else Tool(self.temperature.nozzle)
 
 
 @dataclass(frozen=True)
@@ -219,7 +253,7 @@ def names() -> list[str]:
     """Names of the bundled profiles.
 
     >>> names()
-    ['marlin-0.4', 'stratasys-fdm1650']
+    ['marlin-0.4', 'marlin-0.4-dual', 'stratasys-fdm1650']
     """
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
@@ -266,6 +300,11 @@ def _check(machine: Machine, where: str) -> None:
         if name not in HANDSHAKES:
             known = ", ".join(HANDSHAKES)
             raise InputError(f"{where}: stream.handshake: {name!r}; one of {known} is needed")
+    if machine.gcode is not None and len(machine.gcode.tool) not in (0, machine.gcode.tools):
+        count = len(machine.gcode.tool)
+        raise InputError(
+            f"{where}: gcode.tool: {count} tables for {machine.gcode.tools} tools; one each"
+        )
     if machine.sml is not None:
         sml = machine.sml
         check([sml.layer], ["z"], f"{where}: sml.layer")

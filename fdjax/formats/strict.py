@@ -44,6 +44,18 @@ def table(cls: type[T]) -> Callable[[Any, str], T]:
     return read
 
 
+def tables(cls: type[T]) -> Callable[[Any, str], tuple[T, ...]]:
+    """Reads a list of TOML tables into dataclasses, as `table` does one."""
+    one = table(cls)
+
+    def read(value: Any, where: str) -> tuple[T, ...]:
+        if not isinstance(value, list):
+            raise InputError(f"{where}: {value!r}; a list of tables is needed")
+        return tuple(one(item, f"{where}[{k}]") for k, item in enumerate(value))
+
+    return read
+
+
 def length(least: float, most: float) -> Reader:
     """A length as `units.length` reads it, from `least` to `most` mm."""
 

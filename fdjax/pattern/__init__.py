@@ -12,6 +12,7 @@ PATTERNS = {
     "curve": "curves:Curves",
     "grid-lines": "map_lines:MapLines",
     "mesh": "mesh:Mesh",
+    "rasters": "rasters:Rasters",
 }
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""
 

@@ -59,11 +59,60 @@ def _meander(i: Ints, j: Ints, count: int) -> Ints:
     return count * i + np.where(i % 2 == 1, count - 1 - j, j)
 
 
+def _sierpinski(i: Ints, j: Ints, count: int) -> Ints:
+    """Sierpinski 1912: half by half of right triangles (Bartholdi and Platzman 1982)."""
+    most = 2 << max(count - 1, 1).bit_length()
+    x, y = 2 * i + 1, 2 * j + 1
+    lower = x > y
+    rank = lower.astype(np.intp)
+    x, y = np.where(lower, most - x, x), np.where(lower, most - y, y)
+    # Twice a step for each bit of both places, and one for the triangles inside a square.
+    for _ in range(most.bit_length() + 1):
+        far = x + y > most
+        x, y = 2 * np.where(far, most - y, x), 2 * np.where(far, x, y)
+        high = y > most
+        rank = 4 * rank + 2 * far + high
+        x, y = np.where(high, y - most, x), np.where(high, most - x, y)
+    return rank
+
+
+_FORWARD = ("FBBFFFB", (0, -1, -3, -2, 0, 0, 1))
+_BACKWARD = ("FBBBFFB", (1, 0, 0, -2, -3, -1, 0))
+"""Gosper's seven steps, each a forward or a backward curve, and their sixths of a turn."""
+
+_STEPS = np.array([(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)])
+"""The six neighbours on a lattice of triangles, on the squares that it becomes when sheared."""
+
+
+def _gosper(i: Ints, j: Ints, count: int) -> Ints:
+    """Gosper 1973 (Gardner 1976): seven by seven on a lattice of triangles, sheared to squares."""
+    curves = {"F": np.zeros(1, np.intp), "B": np.zeros(1, np.intp)}
+    while True:
+        curves = {
+            name: np.concatenate([curves[k] + turn for k, turn in zip(*rule, strict=True)])
+            for name, rule in (("F", _FORWARD), ("B", _BACKWARD))
+        }
+        if len(curves["F"]) < 4 * i.size:
+            continue
+        places = np.cumsum(_STEPS[curves["F"] % 6], 0)
+        low = places.min(0)
+        table = np.full(places.max(0) - low + 1, -1)
+        table[tuple((places - low).T)] = np.arange(len(places))
+        corner = np.round(places.mean(0)).astype(int) - low - np.array(i.shape) // 2
+        if (corner < 0).any() or (corner + i.shape > table.shape).any():
+            continue
+        rank = table[corner[0] + i, corner[1] + j]
+        if (rank >= 0).all():
+            return rank
+
+
 _ORDERS: dict[str, Callable[[Ints, Ints, int], Ints]] = {
     "hilbert": _hilbert,
     "moore": _moore,
     "peano": _peano,
     "meander": _meander,
+    "sierpinski": _sierpinski,
+    "gosper": _gosper,
 }
 
 NAMES = tuple(_ORDERS)

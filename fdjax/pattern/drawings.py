@@ -60,6 +60,13 @@ def _wave() -> UnitCell:
     return UnitCell.of(list(pairwise(wave.tolist())), (1, 1))
 
 
+def _truchet() -> UnitCell:
+    """Two quarters of circles about opposite corners (Smith 1987, after Truchet 1704)."""
+    turn = np.linspace(0, np.pi / 2, 9)
+    arc = 0.5 * np.stack([np.cos(turn), np.sin(turn)], 1)
+    return UnitCell.of([arc.tolist(), (1 - arc).tolist()], (1, 1))
+
+
 _DRAWINGS: dict[str, Callable[[], UnitCell]] = {
     "square": _square,
     "triangular": _triangular,
@@ -68,6 +75,7 @@ _DRAWINGS: dict[str, Callable[[], UnitCell]] = {
     "brick": _brick,
     "re-entrant": _reentrant,
     "wave": _wave,
+    "truchet": _truchet,
 }
 
 NAMES = tuple(_DRAWINGS)

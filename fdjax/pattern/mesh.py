@@ -27,6 +27,7 @@ from fdjax.pattern.base import AbstractSettings, road_width_key
 from fdjax.pattern.coarse import Lattice
 from fdjax.pattern.mesh_pattern import Cells, Edges, MeshPattern, Pieces
 from fdjax.road.bead import section_area
+from fdjax.road.deposit import Points
 from fdjax.road.wall_distance import WallDistance
 from fdjax.target.target import Target
 
@@ -38,6 +39,9 @@ CELLS = {
     "triangles-and-voronoi-dual": ("triangles", "voronoi"),
 }
 """What is laid on one layer, or on one and the next."""
+
+POINTS = {"centre": centre_points, "voronoi": circumcentres}
+"""Nodes of the duals, from those of a triangulation and its triangles."""
 
 LENGTH = {"triangles": 2 * np.sqrt(3), "centre": 2.0, "voronoi": 2.0}
 """Length of edges an area, times the distance of the triangulation's nodes, of the ideal mesh."""
@@ -67,6 +71,10 @@ class Mesh(AbstractSettings):
         "corner in the middle of each triangle or by Voronoi, or one on the other layer by layer",
         default="triangles",
     )  # fmt: skip
+    laid: str = key(
+        choice("edges", "polygons"), "each edge once, or each polygon as a closed road inside its "
+        "edges", default="edges",
+    )  # fmt: skip
     phases: int = key(
         whole(1, 100), "meshes that follow each other over the layers, where these are alike",
         default=5,
@@ -95,7 +103,8 @@ class Mesh(AbstractSettings):
         sheets = list(_sheets(part, CELLS[self.cells], self.phases, flat))
         rooms = {region: region.inset(self.road_width / 2) for region in part.regions}
         stacks = _stacks(sheets)
-        fields = self._fields(stacks, target, flat)
+        rim = self._rim(part, target, flat)
+        fields = self._fields(stacks, target, flat, rim)
         meshes = [
             _trimmed(relaxed(field, k * _GOLDEN % 1), field, rooms[stack.region])
             for k, (field, stack) in enumerate(zip(fields, stacks, strict=True))
@@ -118,7 +127,7 @@ class Mesh(AbstractSettings):
                 )
             ),
         )
-        points = circumcentres if dual == "voronoi" else centre_points
+        points = POINTS.get(dual, centre_points)
         graph = np.concatenate([nodes, points(nodes, triangles.nodes)])
         length = np.hypot(*np.diff(graph[edges.nodes], axis=1)[:, 0].T)
         walls = WallDistance.of(list(rooms.values()), window / _WALL_STEPS)
@@ -138,11 +147,38 @@ class Mesh(AbstractSettings):
             dual="voronoi" if dual == "voronoi" else "centre",
             sheets=ends,
             layers=len(part.slabs),
+            rim=jax.tree.map(jnp.asarray, rim),
             kind=self.cells,
+            polygons=self.laid == "polygons",
         )
 
-    def _fields(self, stacks: "list[_Stack]", target: Target, flat: bool) -> list[SizeField]:
+    def _rim(self, part: Part, target: Target, flat: bool) -> Points:
+        """The roads that polygons have along the walls: none where edges are laid."""
+        places, volumes = [np.zeros((0, 3))], [np.zeros(0)]
+        slabs = part.slabs if self.laid == "polygons" else ()
+        middles = np.full(len(part.slabs), part.height / 2) if flat else part.middles
+        for slab, z in zip(slabs, middles, strict=False):
+            wall = slab.region.inset(self.road_width / 2).boundary
+            section = float(section_area(self.road_width, slab.height))
+            for ring in shapely.get_parts(wall):
+                count = max(int(np.ceil(ring.length)), 3)
+                share = (np.arange(count) + 0.5) / count
+                at = shapely.line_interpolate_point(ring, share, normalized=True)
+                xy = shapely.get_coordinates(at)
+                places.append(np.column_stack([xy, np.full(count, z)]))
+                solid = np.asarray(target.solid(xy[:, 0], xy[:, 1], z))
+                # It is open by a width where an edge meets the wall: 2 / pi of their density.
+                packed = 1 - self.road_width * slab.height * solid / section
+                open_share = 2 / np.pi * (1 - np.sqrt(np.maximum(packed, 0.0)))
+                volumes.append(section * ring.length / count * (1 - open_share))
+        return Points(np.concatenate(places), np.concatenate(volumes))
+
+    def _fields(
+        self, stacks: "list[_Stack]", target: Target, flat: bool, rim: Points
+    ) -> list[SizeField]:
         """The size of the cells of each mesh, mm."""
+        if self.laid == "polygons":
+            target = _less(target, rim, stacks)
         fields: list[SizeField] = []
         for stack in stacks[:1] if flat else stacks:
             length = sum(
@@ -153,7 +189,9 @@ class Mesh(AbstractSettings):
             def size(x: Any, y: Any, stack: _Stack = stack, length: float = length) -> np.ndarray:
                 solid = np.asarray(target.solid(x, y, stack.z))
                 with np.errstate(divide="ignore"):
-                    return length / (stack.height * solid)
+                    if self.laid == "edges":
+                        return length / (stack.height * solid)
+                    return self._of_polygons(stack, solid, length)
 
             fields.append(SizeField.over(stack.region.geometry, size))
         fields *= len(stacks) if flat else 1
@@ -174,6 +212,24 @@ class Mesh(AbstractSettings):
         ideal = field.integral(LENGTH["triangles"] / field.size, region.geometry)
         return [SizeField(each.x, each.y, each.size * got / ideal) for each in fields]
 
+    def _of_polygons(self, stack: "_Stack", solid: np.ndarray, length: float) -> np.ndarray:
+        """The size, mm, at which polygons hold a solid share.
+
+        An edge density r gives 2 r - width r^2 of road: two roads an edge, less at the corners.
+        """
+        twice = sum(
+            LENGTH[kind] ** 2 * section_area(self.road_width, slab.height) * self.road_width
+            for kind, slab in zip(stack.kinds, stack.slabs, strict=True)
+        )
+        left = length**2 - twice * stack.height * solid
+        if (left < 0).any():
+            most = length**2 / (twice * stack.height)
+            raise InputError(
+                f"mesh: polygons of roads {self.road_width:g} mm wide hold a solid share of "
+                f"{most:.3f} at most, and {solid.max():.3f} is asked"
+            )
+        return twice / (length - np.sqrt(left))
+
     def _edges(
         self, sheets: "list[_Sheet]", meshes: list[Triangulation], nodes: int, places: list[Region]
     ) -> tuple[Edges, tuple[tuple[int, int], ...]]:
@@ -187,7 +243,14 @@ class Mesh(AbstractSettings):
             sides, cells = mesh.edges[laid] + node, mesh.beside[laid] + cell
             ends = sides if sheet.kind == "triangles" else nodes + cells[:, ::-1]
             section = sum(section_area(self.road_width, slab.height) for slab in sheet.slabs)
-            alike = (places.index(sheet.slabs[0].region), sheet.z, section)
+            alike: tuple[Any, ...] = (places.index(sheet.slabs[0].region), sheet.z, section)
+            graph = (
+                mesh.xy
+                if sheet.kind == "triangles"
+                else POINTS[sheet.kind](mesh.xy, mesh.triangles)
+            )
+            own = mesh.edges[laid] if sheet.kind == "triangles" else mesh.beside[laid]
+            alike = (*alike, _corners(graph, own))
             pieces.append((ends, cells, sides, *(np.full(len(ends), each) for each in alike)))
         bounds = _offsets([len(piece[0]) for piece in pieces])
         return (
@@ -221,6 +284,22 @@ class _Stack(NamedTuple):
         return sum(slab.height for slab in self.slabs)
 
 
+def _less(target: Target, rim: Points, stacks: list[_Stack]) -> Target:
+    """The target with as much less everywhere as the roads along the walls hold in all."""
+    held = float(np.sum(rim.volume))
+    asked = 0.0
+    for stack in stacks:
+        x0, y0, x1, y1 = stack.region.geometry.bounds
+        x, y = (each.ravel() for each in np.meshgrid(*np.linspace((x0, y0), (x1, y1), 60).T))
+        inside = shapely.contains_xy(stack.region.geometry, x, y)
+        solid = np.mean(np.asarray(target.solid(x[inside], y[inside], stack.z)))
+        asked += float(solid) * stack.region.geometry.area * stack.height
+    share = 1 - held / asked
+    if share <= 0:
+        raise InputError("mesh: the polygons' roads along the walls hold all that is asked")
+    return Target(lambda x, y, z: share * target.solid(x, y, z), quantity="solid")
+
+
 def _sheets(part: Part, kinds: tuple[str, ...], phases: int, flat: bool) -> Iterator[_Sheet]:
     """Alike layers take the sheets in turn; else each layer has one, with a mesh of its own."""
     if not flat:
@@ -248,6 +327,27 @@ def _trimmed(mesh: Triangulation, field: SizeField, room: shapely.Geometry) -> T
     middle = mesh.xy[mesh.triangles].mean(1)
     shapely.prepare(room)
     return mesh.part(shapely.distance(room, shapely.points(middle)) <= field.at(middle))
+
+
+def _corners(xy: np.ndarray, edges: np.ndarray) -> float:
+    """Road widths by which the two roads beside an edge are shorter than it, together, in the mean.
+
+    In an angle t between two edges the road half a width inside loses cot(t / 2) widths.
+    """
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    along = xy[ends[:, 1]] - xy[ends[:, 0]]
+    angle = np.arctan2(along[:, 1], along[:, 0])
+    order = np.lexsort((angle, ends[:, 0]))
+    node, angle = ends[order, 0], angle[order]
+    degree = np.bincount(node, minlength=len(xy))
+    first = np.cumsum(degree) - degree
+    following = np.arange(len(node)) + 1
+    last = following == (first + degree)[node]
+    following[last] = first[node[last]]
+    turn = (angle[following] - angle) % (2 * np.pi)
+    # Nodes at the rim of a mesh have faces on one side only.
+    whole = (degree[node] > 2) & (turn > 0) & (turn < np.pi)
+    return float((1 / np.tan(turn[whole] / 2)).sum() / whole.sum() * 2)
 
 
 def _offsets(counts: list[int]) -> list[int]:

@@ -18,7 +18,7 @@ from fdjax.mesh.triangulation import Triangulation
 from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.coarse import Lattice
 from fdjax.road.deposit import Points
-from fdjax.road.stroke import Graph
+from fdjax.road.stroke import Graph, Polygons
 from fdjax.road.wall_distance import WallDistance, inside
 
 FAMILY = "mesh"
@@ -48,6 +48,8 @@ class Edges(NamedTuple):
     - `cells`: the triangles that an edge belongs to by halves, shape (e, 2).
     - `room`: number of the room that it lies in; `z`: mm, and `section`: area of the road times
       height over height, summed over the layers that it is laid on, mm^2; each of shape (e,).
+    - `corners`: road widths by which the two roads beside it, half a width from it, are shorter
+      than the edge together, (e,).
     """
 
     nodes: Any
@@ -56,6 +58,7 @@ class Edges(NamedTuple):
     room: Any
     z: Any
     section: Any
+    corners: Any
 
 
 class Pieces(NamedTuple):
@@ -100,7 +103,9 @@ class MeshPattern(AbstractPattern):
     - `dual`: "centre" or "voronoi" points in the triangles.
     - `sheets`: first edge of each sheet and the one beyond its last; layer k holds sheet k modulo
       their number.
-    - `kind`: what is laid, as the settings name it.
+    - `rim`: of polygons, the roads along the walls.
+    - `kind`: what is laid, as the settings name it; `polygons`: whether faces are laid and not
+      edges.
     """
 
     first: Array
@@ -113,10 +118,12 @@ class MeshPattern(AbstractPattern):
     walls: WallDistance
     coarse: tuple[Lattice, ...]
     width: float
+    rim: Points
     dual: str = eqx.field(static=True)
     sheets: tuple[tuple[int, int], ...] = eqx.field(static=True)
     layers: int = eqx.field(static=True)
     kind: str = eqx.field(static=True)
+    polygons: bool = eqx.field(static=True)
 
     def controls(self) -> Array:
         return self.first
@@ -141,13 +148,21 @@ class MeshPattern(AbstractPattern):
         start, end = (first[edge] + at[:, None] * along[edge] for at in (pieces.start, pieces.end))
         room = self.edges.room[edge]
         share, middle = inside(start, end, self.walls.at(start, room), self.walls.at(end, room))
-        run = share * (pieces.end - pieces.start) * _length(along)[edge]
+        run = share * (pieces.end - pieces.start) * self._laid(_length(along))[edge]
         xyz = jnp.concatenate([middle, self.edges.z[edge][:, None]], 1)
-        return Points(xyz, run * self.edges.section[edge])
+        volume = run * self.edges.section[edge]
+        return Points(
+            jnp.concatenate([xyz, self.rim.xyz]), jnp.concatenate([volume, self.rim.volume])
+        )
+
+    def _laid(self, length: Array) -> Array:
+        """Length of road, mm, for each edge (e,) of these lengths."""
+        return 2 * length - self.edges.corners * self.width if self.polygons else length
 
     def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
         cells = self.triangles
-        half = _length(realised.ends[:, 1] - realised.ends[:, 0]) * self.edges.section / 2
+        length = _length(realised.ends[:, 1] - realised.ends[:, 0])
+        half = self._laid(length) * self.edges.section / 2
         held = jnp.zeros(len(cells.room)).at[self.edges.cells].add(half[:, None])
         corner = realised.xy[cells.nodes]
         area = _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
@@ -207,7 +222,8 @@ class MeshPattern(AbstractPattern):
 
     def _sheet(self, xy: np.ndarray, edges: np.ndarray) -> list[Graph]:
         nodes, number = np.unique(edges, return_inverse=True)
-        return [Graph(xy[nodes], number.reshape(-1, 2), np.full(len(edges), self.width), FAMILY)]
+        kind = Polygons if self.polygons else Graph
+        return [kind(xy[nodes], number.reshape(-1, 2), np.full(len(edges), self.width), FAMILY)]
 
     def facts(self, controls: Array) -> dict[str, Any]:
         """Meshes, their cells, angles and the lengths of their edges inside."""
@@ -222,6 +238,7 @@ class MeshPattern(AbstractPattern):
         return {
             "kind": "mesh",
             "cells": self.kind,
+            "laid": "polygons" if self.polygons else "edges",
             "sheets": len(self.sheets),
             "nodes": len(self.first),
             "triangles": int(inner.sum()),

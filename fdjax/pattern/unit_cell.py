@@ -21,6 +21,9 @@ Ints = NDArray[np.intp]
 _SAME = 1e-6
 """Points of a drawing nearer than this share of its larger side are one."""
 
+_LOOKS = 64
+"""Places along each side at which the distance from the lines is looked at."""
+
 
 @dataclass(frozen=True, eq=False)
 class UnitCell:
@@ -49,14 +52,9 @@ class UnitCell:
         >>> UnitCell.of([[(0, 0), (1, 0)], [(0, 0), (0, 1)]], (1, 1)).edges.tolist()
         [[0, 0], [0, 0]]
         """
+        cls.check_lines(lines, size)
         period = np.array(size, float)
-        if not (np.isfinite(period).all() and (period > 0).all()):
-            raise InputError(f"cell: its size is {size[0]:g} x {size[1]:g}; both must be positive")
         drawn = [np.asarray(line, float) for line in lines]
-        if not drawn or any(len(line) < 2 or line.shape[1:] != (2,) for line in drawn):
-            raise InputError("cell: needs lines of two points [x, y] or more")
-        if not all(np.isfinite(line).all() for line in drawn):
-            raise InputError("cell: its points must be finite")
         same = _SAME * float(period.max())
         ends = np.array([step for line in drawn for step in pairwise(line)]).reshape(-1, 2)
         home = np.floor(ends / period + _SAME).astype(int)
@@ -69,6 +67,17 @@ class UnitCell:
         cell = cls((float(period[0]), float(period[1])), within[first], edges[moved], shift[moved])
         cell._check(ends)
         return cell
+
+    @staticmethod
+    def check_lines(lines: Sequence[Sequence[Sequence[float]]], size: tuple[float, float]) -> None:
+        """Raise `InputError` for a size that is not positive and lines that are none."""
+        if not all(np.isfinite(side) and side > 0 for side in size):
+            raise InputError(f"cell: its size is {size[0]:g} x {size[1]:g}; both must be positive")
+        drawn = [np.asarray(line, float) for line in lines]
+        if not drawn or any(len(line) < 2 or line.shape[1:] != (2,) for line in drawn):
+            raise InputError("cell: needs lines of two points [x, y] or more")
+        if not all(np.isfinite(line).all() for line in drawn):
+            raise InputError("cell: its points must be finite")
 
     def _check(self, ends: Floats) -> None:
         self._check_edges(ends)
@@ -137,7 +146,7 @@ class UnitCell:
         back = (along[:, 0] < -1e-9) | ((np.abs(along[:, 0]) <= 1e-9) & (along[:, 1] < 0))
         along[back] *= -1
         unit = along / np.hypot(*along.T)[:, None]
-        _, owner = np.unique(np.round(unit, 9), axis=0, return_inverse=True)
+        _, owner = np.unique(np.round(unit, 6), axis=0, return_inverse=True)
         sums = [np.bincount(owner.ravel(), along[:, axis]) for axis in (0, 1)]
         return np.stack(sums, 1) / self.area
 
@@ -156,22 +165,33 @@ class UnitCell:
     @cached_property
     def gap(self) -> float:
         """Least distance of lines that do not meet."""
-        chains = self._chains
-        i, j = np.triu_indices(len(chains), 1)
-        apart = shapely.distance(chains[i], chains[j])
-        apart = apart[apart > _SAME * max(self.size)]
-        return float(min(apart.min(initial=np.inf), *self.size))
+        chains, within = self._chains, min(self.size)
+        tree = shapely.STRtree(chains)
+        # Nearer and nearer, as most pairs of a large cell lie far apart.
+        reach = within / 64
+        while reach < 2 * within:
+            i, j = tree.query(chains, predicate="dwithin", distance=min(reach, within))
+            apart = shapely.distance(chains[i], chains[j])
+            apart = apart[apart > _SAME * max(self.size)]
+            if len(apart):
+                return float(apart.min())
+            reach *= 2
+        return float(within)
 
     @cached_property
     def pore(self) -> float:
-        """Diameter of the circle as large as the largest face; without any the cell's longer side.
+        """Diameter of the circle as large as the largest face, or of the largest between the lines
+        where there is no face.
 
         Which stretches of a layer really lie over nothing is seen in its plan.
         """
         lines = shapely.union_all(np.asarray(shapely.linestrings(self.tiled(range(-1, 2)))))
         faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
         largest = float(shapely.area(faces).max(initial=0.0))
-        return 2 * (largest / np.pi) ** 0.5 if largest > 0 else max(self.size)
+        if largest > 0:
+            return 2 * (largest / np.pi) ** 0.5
+        places = (np.stack(np.meshgrid(*[np.arange(_LOOKS)] * 2), -1).reshape(-1, 2) + 0.5) / _LOOKS
+        return 2 * float(shapely.distance(shapely.points(places * self.size), lines).max())
 
 
 def _place(geometry: shapely.Geometry, size: tuple[float, float]) -> str:

@@ -1,11 +1,21 @@
 """The exact porosity of a build, window by window. This is the one definition of porosity."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import area, bounds, box, contains_properly, intersection, intersects, prepare
+from shapely import (
+    area,
+    bounds,
+    box,
+    contains_properly,
+    contains_xy,
+    intersection,
+    intersects,
+    prepare,
+)
 
 from fdjax.errors import InputError
 from fdjax.plan.segments import Segments
@@ -237,3 +247,18 @@ def _split(start: Floats, end: Floats) -> tuple[NDArray[np.intp], Floats, Floats
     owner, low, high = owner[1:][within], at[:-1][within], at[1:][within]
     middle = start[owner] + ((low + high) / 2)[:, None] * (end - start)[owner]
     return owner, high - low, middle
+
+
+def solid_shares(build: Build, outlines: Sequence[Outline], *, step: float = 0.5) -> Floats:
+    """Solid share of all layers in each of some outlines, shape (outlines,).
+
+    Roads are cut into pieces of `step` mm at most, each counted where its middle lies.
+    """
+    places, volumes = build.deposits(step)
+    height = sum(layer.height for layer in build.layers)
+    shares = []
+    for outline in outlines:
+        prepare(outline)
+        inside = contains_xy(outline, places[:, 0], places[:, 1])
+        shares.append(float(volumes[inside].sum()) / (outline.area * height))
+    return np.array(shares)

@@ -11,6 +11,7 @@ from shapely import MultiPolygon, Polygon, get_precision, set_precision
 
 from fdjax.errors import InputError
 from fdjax.road.bead import section_area
+from fdjax.road.stroke import Subdomain
 
 Floats = NDArray[np.float64]
 Outline = Polygon | MultiPolygon
@@ -23,7 +24,7 @@ def _frozen(values: ArrayLike) -> Floats:
     return array
 
 
-NO_NODES = ("", "xi", "eta", "curve")
+NO_NODES = ("", "xi", "eta", "curve", "polygon", "raster", "contour")
 """Families of roads that are no edges of graphs."""
 
 
@@ -37,8 +38,8 @@ class Road:
     - `material`: number of the material or tool, from 0.
     - `closed`: whether the last point runs on to the first.
     - `family`: "xi" or "eta" where the road follows grid lines of one family, "curve" for a
-      part of a curve, "" for no family; any other name where it follows edges of a graph, which may
-      meet at its points.
+      part of a curve, "polygon" for a face of a graph, "raster" and "contour" in sub-domains, ""
+      for no family; any other name where it follows edges of a graph, which may meet at its points.
     - `section`: area of each segment's section, shape (segments,), mm^2, where it is not the one
       of `section_area` in a layer's height. `role`: what a slicer says that the road is.
 
@@ -163,6 +164,7 @@ class Layer:
     - `outline`: what the layer is to fill, one or several polygons with their holes, or None where
       a file does not say.
     - `thinned`: volume of lines that were left out because others lie too near, mm^3.
+    - `subdomains`: that the layer falls into, each filled in its own way; none where it is whole.
 
     Raises `InputError` for an outline of another kind.
     """
@@ -172,6 +174,7 @@ class Layer:
     roads: Sequence[Road]
     outline: Outline | None = None
     thinned: float = 0.0
+    subdomains: tuple[Subdomain, ...] = ()
 
     def __post_init__(self) -> None:
         outline = self.outline

@@ -9,18 +9,22 @@ from fdjax.part.part import Part, Slab
 from fdjax.plan.drawing import lay_drawing
 from fdjax.plan.laid import Laid
 from fdjax.plan.lines import lay_lines
+from fdjax.plan.paths import lay_paths
+from fdjax.plan.polygons import lay_polygons
 from fdjax.plan.room import Room
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.plan.tour import lay_curve
 from fdjax.plan.trail import lay_graph
 from fdjax.road.bead import road_width
-from fdjax.road.stroke import Curve, Drawing, Graph, Lines
+from fdjax.road.stroke import Curve, Drawing, Graph, Lines, Paths, Polygons, Subdomain
 
 LAYING: dict[type, Callable[..., Laid]] = {
     Lines: lay_lines,
     Graph: lay_graph,
     Drawing: lay_drawing,
+    Polygons: lay_polygons,
     Curve: lay_curve,
+    Paths: lay_paths,
 }
 """How each kind of stroke is laid: its class and the function, which is called with the stroke and
 a `Room`, and by keyword `lift_length`, `longest_join`, `least_spacing`, `least_road`, `tolerance`,
@@ -77,7 +81,8 @@ def lay(
                 least_road=least_road,
                 tolerance=tolerance,
             )
-        result.append(_layer(slab, laid[key]))
+        filled = tuple(each.subdomain for each in strokes if isinstance(each, Paths))
+        result.append(_layer(slab, laid[key], filled))
     if next(given, None) is not None:
         raise InputError(f"strokes for more layers than the part's {len(part.slabs)}")
     return Build(tuple(result), name)
@@ -98,9 +103,10 @@ def _laid(strokes: Sequence[Any], room: Room, **options: Any) -> Laid:
     return Laid(tuple(roads), tuple(left_out))
 
 
-def _layer(slab: Slab, laid: Laid) -> Layer:
+def _layer(slab: Slab, laid: Laid, subdomains: tuple[Subdomain, ...]) -> Layer:
     thinned = sum(float(road.segment_volumes(slab.height).sum()) for road in laid.left_out)
-    return Layer(slab.z, slab.height, laid.roads, slab.region.geometry, thinned)
+    outline = slab.region.geometry
+    return Layer(slab.z, slab.height, laid.roads, outline, thinned, subdomains)
 
 
 def trim(build: Build, volume: float) -> Build:

@@ -5,6 +5,7 @@ Each kind of stroke is one class here and one file in `fdjax.plan`, which says h
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,11 @@ class Drawing(Graph):
 
 
 @dataclass(frozen=True, eq=False)
+class Polygons(Graph):
+    """A graph whose faces are laid, each as a closed road inside its edges, not the edges."""
+
+
+@dataclass(frozen=True, eq=False)
 class Curve:
     """One road through a lattice of nodes, in squares of four that it goes through in some order.
 
@@ -81,4 +87,37 @@ class Curve:
     material: int = 0
 
 
-Stroke = Lines | Graph | Drawing | Curve
+@dataclass(frozen=True, eq=False)
+class Subdomain:
+    """A part of a layer and how it is filled, as a slice file says it.
+
+    - `outline`: polygons with holes, mm; `fill`: "raster" or "contour".
+    - `angle`: of the rasters with the x axis, degrees; `road_width`, `air_gap`: mm; `perimeters`:
+      closed roads along its sides.
+    """
+
+    outline: Any
+    fill: str
+    angle: float
+    road_width: float
+    air_gap: float
+    perimeters: int
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Paths that are joined and keep to the walls already, of one sub-domain.
+
+    - `closed`: each (points, 2), mm, the first point not repeated; `open`: likewise.
+    - `width`: of all, mm; `family`: name of the roads; `material`: number of the material or tool.
+    """
+
+    closed: Sequence[Floats]
+    open: Sequence[Floats]
+    width: float
+    subdomain: Subdomain
+    family: str
+    material: int = 0
+
+
+Stroke = Lines | Graph | Drawing | Polygons | Curve | Paths

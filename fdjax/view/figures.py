@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import ArrayLike, NDArray
 
 from fdjax.errors import InputError
-from fdjax.plan.toolpath import Layer, Outline
+from fdjax.plan.toolpath import Layer, Outline, Road
 from fdjax.view.sheet import BAR_ROOM, INK, Box, Sheet
 from fdjax.view.strips import strips
 
@@ -29,6 +29,9 @@ FAMILIES = {
     "": ("roads", "#3d7a4e", "#b5d6bd"),
 }
 """Name of a family's roads in a legend, colour of their centre lines, colour of their beads."""
+
+MATERIALS = (("material {}", "#3d7a4e", "#b5d6bd"), ("material {}", "#a8572c", "#efb98f"))
+"""The same of roads where there are several materials, in turn."""
 
 SHARE_COLOURS, ERROR_COLOURS = "viridis", "RdBu_r"
 FAR_UNDER, FAR_OVER = "#12071f", "#ffd500"
@@ -55,6 +58,7 @@ def roads_figure(
     whole = shapely.box(*shapely.total_bounds(outlines))
     wide = _is_wide(whole)
     largest = (8.4, 7.0 / len(layers)) if wide else (8.8 / len(layers), 6.0)
+    kinds = _kinds(layers)
     sheets = [Sheet(own, largest=largest, bounds=whole.bounds) for own in outlines]
     w, h = sheets[0].width, sheets[0].height
     names = [
@@ -75,7 +79,7 @@ def roads_figure(
         axes = sheet.panel(figure, box, names[k], x_labels=bottom, y_labels=left)
         fine = min(0.4, 12 * sheet.inches_per_mm * min(float(r.width.min()) for r in layer.roads))
         for road in layer.roads:
-            _, line, bead = FAMILIES.get(road.family, FAMILIES[""])
+            _, line, bead = kinds[_kind(road, kinds)]
             axes.add_collection(PathCollection(strips(road), facecolor=bead, lw=0, zorder=1.5))
             axes.plot(*road.path.T, color=line, lw=fine, solid_joinstyle="round", zorder=2)
         travels = [
@@ -86,18 +90,34 @@ def roads_figure(
             LineCollection(travels, colors=INK, linewidths=0.5, linestyles="--", zorder=5)
         )
         axes.plot(*layer.roads[0].path[0], "o", color=INK, ms=4, zorder=6, clip_on=False)
-    found = {
-        road.family if road.family in FAMILIES else "" for each in layers for road in each.roads
-    }
+    found = {_kind(road, kinds) for each in layers for road in each.roads}
     shown = [
         Line2D([], [], color=bead, linewidth=5, label=name)
-        for family, (name, _, bead) in FAMILIES.items()
-        if family in found
+        for kind, (name, _, bead) in kinds.items()
+        if kind in found
     ]
     shown.append(Line2D([], [], color=INK, linewidth=0.7, linestyle="--", label="travel"))
     shown.append(Line2D([], [], color=INK, lw=0, marker="o", ms=4, label="start"))
     sheets[0].legend(figure, shown)
     return figure
+
+
+def _kinds(layers: Sequence[Layer]) -> dict[str, tuple[str, str, str]]:
+    """Names and colours of roads: by material where there are several, else by family."""
+    found = sorted({road.material for layer in layers for road in layer.roads})
+    if len(found) < 2:
+        return FAMILIES
+    looks = [MATERIALS[k % len(MATERIALS)] for k in range(len(found))]
+    return {
+        str(number): (name.format(number), line, bead)
+        for number, (name, line, bead) in zip(found, looks, strict=True)
+    }
+
+
+def _kind(road: Road, kinds: dict[str, tuple[str, str, str]]) -> str:
+    if kinds is not FAMILIES:
+        return str(road.material)
+    return road.family if road.family in FAMILIES else ""
 
 
 def functions_figure(

@@ -228,8 +228,13 @@ def test_the_table_documents_every_key():
     assert rows[0] == "| key | value | default | meaning |"
     assert all(row.count("|") == 5 for row in rows)
     keys = [row.split("`")[1] for row in rows[2:]]
-    tables = {"part": Part, "target": config.TargetSource, "design": config.Design}
-    own = ("part", "target", "pattern", "kind", "design")
+    tables = {
+        "part": Part,
+        "target": config.TargetSource,
+        "design": config.Design,
+        "materials": config.Materials,
+    }
+    own = ("pattern", "kind", *tables)
     wanted = [f.name for f in dataclasses.fields(Job) if f.name not in own]
     for name, kind in tables.items():
         wanted += [f"{name}.{f.name}" for f in dataclasses.fields(kind)]

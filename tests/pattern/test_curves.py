@@ -9,7 +9,7 @@ from outlines import OUTLINES
 from fdjax.formats import profile
 from fdjax.optimise.design import design
 from fdjax.part.part import Part
-from fdjax.pattern.curve_order import NAMES
+from fdjax.pattern.curve_order import NAMES, rank
 from fdjax.pattern.curves import Curves
 from fdjax.plan.compare import compare
 from fdjax.plan.measure import measure
@@ -54,3 +54,27 @@ def test_a_disc_meets_its_target_in_one_road_a_layer():
         build = lay(found.strokes(), part, lift_length=4.0)
     assert compare(measure(build, window=5.0), target).rms < 0.02
     assert [len(layer.roads) for layer in build.layers] == [1] * 10
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("shape", [(1, 1), (2, 3), (8, 8), (13, 29)])
+def test_a_curve_goes_through_each_square_once(name, shape):
+    assert len(np.unique(rank(name, shape))) == shape[0] * shape[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "side"), [("hilbert", 16), ("peano", 27), ("meander", 20), ("sierpinski", 16)]
+)
+def test_a_curve_goes_from_each_square_to_a_neighbour(name, side):
+    order = np.argsort(rank(name, (side, side)).ravel())
+    step = np.abs(np.diff(np.stack(np.divmod(order, side), 1), axis=0))
+    assert step.max() == 1
+    # Sierpinski's goes across corners, too.
+    assert (step.sum(1) == 1).mean() > (0.8 if name == "sierpinski" else 0.999)
+
+
+def test_gospers_curve_goes_to_one_of_six_neighbours_where_it_stays_inside():
+    order = np.argsort(rank("gosper", (40, 40)).ravel())
+    step = np.diff(np.stack(np.divmod(order, 40), 1), axis=0)
+    six = {(1, 0), (0, 1), (-1, 1), (-1, 0), (0, -1), (1, -1)}
+    assert np.mean([tuple(each) in six for each in step.tolist()]) > 0.97

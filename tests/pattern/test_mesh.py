@@ -62,6 +62,35 @@ def test_gradients_agree_with_central_differences(cells):
     assert_slopes(Objective(pattern, windows, LINEAR, MARLIN.limits), scaled=False)
 
 
+SPARSE = expression("0.2 + 0.15*x/40", quantity="solid")
+
+
+@pytest.mark.parametrize("cells", ["triangles", "centre-dual", "triangles-and-voronoi-dual"])
+def test_the_deposit_of_polygons_is_what_a_plan_lays(cells):
+    part = plate()
+    pattern = begun(part, SPARSE, cells=cells, laid="polygons")
+    modelled = float(jax.jit(lambda p: p.deposit(p.realise(p.first)).volume.sum())(pattern))
+    build = planned(pattern.strokes(pattern.first), part)
+    asked = shapely.area(DISC) * 2.0 * (0.2 + 0.15 * shapely.centroid(DISC).x / 40)
+    assert build.volume + build.thinned == pytest.approx(modelled, rel=0.04)
+    assert build.volume == pytest.approx(float(asked), rel=0.1)
+    found = check(build.replace(origin=(50, 50)), MARLIN.limits)
+    assert [each for each in found if each.severity == "error"] == []
+
+
+def test_gradients_of_polygons_agree_with_central_differences():
+    part = plate(5)
+    pattern = begun(part, SPARSE, cells="centre-dual", phases=2, laid="polygons")
+    windows = SoftWindows.over(part, SPARSE.solid, 5.0, flat=True)
+    assert_slopes(Objective(pattern, windows, SPARSE, MARLIN.limits), scaled=False)
+
+
+def test_polygons_denser_than_roads_can_be_are_refused():
+    full = expression("0.95", quantity="solid")
+    with pytest.raises(InputError, match=r"roads 0\.4 mm wide hold a solid share of"):
+        begun(target=full, laid="polygons")
+
+
 @pytest.mark.parametrize("cells", ["triangles", "centre-dual"])
 def test_a_disc_with_a_hole_meets_its_target_in_the_roads(cells):
     part = plate()

@@ -29,6 +29,7 @@ pytestmark = pytest.mark.usefixtures("compiled_once")
 MARLIN = profile.load("marlin-0.4")
 DISC = shapely.Point(20, 20).buffer(20, quad_segs=24)
 SMALL = expression("0.2 + 0.2*x/40", quantity="solid")
+LARGE = expression("0.2 + 0.15*x/40", quantity="solid")
 
 
 def begun(part, target=SMALL, cell="hexagonal", **settings):
@@ -55,7 +56,7 @@ def modelled(pattern):
 def test_drawn_lines_of_all_phases_are_as_long_as_the_closed_form_says(name):
     region = OUTLINES["ring"]()
     part = Part.plate(region, layers=13, height=0.2)
-    pattern = bent(begun(part, cell=name, angle=20.0, phases=13))
+    pattern = bent(begun(part, LARGE, cell=name, angle=20.0, phases=13))
     free = part.regions[0].inset(0.2)
     length = 0.0
     for (graph,) in pattern.strokes(pattern.first):
@@ -70,7 +71,7 @@ def test_drawn_lines_of_all_phases_are_as_long_as_the_closed_form_says(name):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_deposit_is_what_a_plan_lays(name):
     part = Part.plate(OUTLINES["disc"](), layers=5, height=0.2)
-    pattern = begun(part, cell=name, angle=10.0)
+    pattern = begun(part, LARGE, cell=name, angle=10.0)
     build = lay(pattern.strokes(pattern.first), part, lift_length=4.0, least_road=1.0)
     assert build.volume + build.thinned == pytest.approx(modelled(pattern), rel=3e-3)
     assert build.thinned < 0.01 * build.volume

@@ -38,7 +38,7 @@ def test_copies_side_by_side_are_one_drawing(name):
     inner = shapely.box(x - cell.size[0], y - cell.size[1], x + cell.size[0], y + cell.size[1])
     assert lines.intersection(inner).length == pytest.approx(4 * cell.area * cell.density)
     faces = shapely.get_parts(shapely.polygonize([shapely.union_all(lines)]))
-    assert len(faces) or name == "wave"
+    assert len(faces) or name in ("wave", "truchet")
 
 
 def test_a_drawing_may_begin_anywhere():

@@ -1,0 +1,128 @@
+"""Rasters and contours that fill a sub-domain, as they are laid: lines turned round at its sides.
+
+Loads no JAX.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Outline = shapely.Polygon | shapely.MultiPolygon
+
+_LONGEST_TURN = 10.0
+"""A turn along a side that is longer than so many spacings is no turn: the head lifts."""
+
+_FINE = 2e-3
+"""Points within this of a contour's straight sides are dropped, mm."""
+
+_INSIDE = 1e-6
+"""Rounding of what lies inside, mm."""
+
+
+def inset(outline: Outline, by: float) -> Outline:
+    """What of an outline lies further than this, mm, from its sides; may be empty."""
+    return shapely.buffer(outline, -by, join_style="mitre", mitre_limit=3)
+
+
+def opened(outline: Outline, width: float) -> Outline:
+    """An outline without what is narrower than a road, where it would lie on its other side."""
+    deep = inset(outline, width / 2)
+    wide = shapely.buffer(deep, width / 2, join_style="mitre", mitre_limit=3)
+    left = shapely.intersection(wide, outline)
+    return left if isinstance(left, Outline) else shapely.MultiPolygon()
+
+
+def rings(outline: Outline) -> list[Floats]:
+    """Closed paths (n, 2) along all sides of an outline, the first point not repeated."""
+    found = []
+    for polygon in np.atleast_1d(shapely.get_parts(shapely.simplify(outline, _FINE))).tolist():
+        if not isinstance(polygon, shapely.Polygon):
+            continue
+        for ring in (polygon.exterior, *polygon.interiors):
+            xy = shapely.get_coordinates(ring)[:-1]
+            if len(xy) > 2:
+                found.append(xy)
+    return found
+
+
+def contours(room: Outline, width: float, spacing: float, phase: float) -> list[Floats]:
+    """Closed paths at distances of (k + phase) spacings from the sides of the room."""
+    found, depth = [], phase * spacing
+    while not (at := inset(room, depth)).is_empty:
+        found += rings(opened(at, width))
+        depth += spacing
+    return found
+
+
+def raster(room: Outline, angle: float, spacing: float, phase: float) -> list[Floats]:
+    """Open paths (n, 2) of parallel lines at (k + phase) spacings, joined at the room's sides.
+
+    `angle`: of the lines with the x axis, degrees. A line goes on to the next at the same side
+    where the straight way keeps to the room and is no longer than ten spacings.
+    """
+    turned = shapely.affinity.rotate(room, -angle, origin=(0, 0))
+    x0, y0, x1, y1 = turned.bounds
+    first, last = np.ceil(y0 / spacing - phase), np.floor(y1 / spacing - phase)
+    places = (np.arange(first, last + 1) + phase) * spacing
+    ends = np.stack([np.full_like(places, x0 - 1), np.full_like(places, x1 + 1)], 1)
+    lines = shapely.linestrings(np.stack([ends, np.repeat(places[:, None], 2, 1)], -1))
+    cut = shapely.intersection(lines, turned)
+    parts, owner = shapely.get_parts(cut, return_index=True)
+    long = shapely.length(parts) > _INSIDE
+    bounds = shapely.bounds(parts[long])
+    reach = shapely.buffer(turned, _INSIDE)
+    shapely.prepare(reach)
+    turn = np.exp(1j * np.radians(angle))
+    return [
+        np.stack([path.real, path.imag], 1)
+        for chain in _chains(bounds, owner[long], reach, _LONGEST_TURN * spacing)
+        if len(path := (np.array(chain) @ [1, 1j]) * turn) > 1
+    ]
+
+
+def _chains(
+    bounds: Floats, owner: NDArray[np.intp], reach: Outline, longest: float
+) -> Iterator[list[tuple[float, float]]]:
+    """Runs over the pieces of lines, each of which is (x0, y, x1, y), line by line."""
+    before: list[_Run] = []
+    now: list[_Run] = []
+    number = -1
+    for (x0, y, x1, _), line in zip(bounds.tolist(), owner.tolist(), strict=True):
+        if line != number:
+            yield from (run.points for run in before)
+            before, now, number = now, [], line
+        ways = [
+            (float(np.hypot(run.end(left)[0] - x, run.end(left)[1] - y)), k, left)
+            for k, run in enumerate(before)
+            for left, x in ((True, x0), (False, x1))
+            if left in run.sides
+        ]
+        for length, k, left in sorted(ways):
+            way = shapely.LineString([before[k].end(left), (x0 if left else x1, y)])
+            if length <= longest and reach.covers(way):
+                now.append(before.pop(k).on(left, (x0, y), (x1, y)))
+                break
+        else:
+            now.append(_Run([(x0, y), (x1, y)], (True, False)))
+    yield from (run.points for run in [*before, *now])
+
+
+class _Run(NamedTuple):
+    """A path over lines; `sides`: at which ends of its last line, left or not, it may go on.
+
+    A single line, from its left end to its right, may go on at both.
+    """
+
+    points: list[tuple[float, float]]
+    sides: tuple[bool, ...]
+
+    def end(self, left: bool) -> tuple[float, float]:
+        return self.points[0] if left and len(self.sides) == 2 else self.points[-1]
+
+    def on(self, left: bool, a: tuple[float, float], b: tuple[float, float]) -> "_Run":
+        points = self.points[::-1] if left and len(self.sides) == 2 else self.points
+        return _Run([*points, *((a, b) if left else (b, a))], (not left,))

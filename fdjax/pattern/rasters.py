@@ -1,0 +1,225 @@
+"""Rasters of sub-domains: what a user says of them, and the air gaps that a target asks for."""
+# ruff: noqa: RUF009 - `key` gives a dataclass field
+
+from collections import Counter
+from dataclasses import dataclass
+from math import gcd
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import shapely
+
+from fdjax.errors import InputError
+from fdjax.keys import LENGTH, Kind, Place, choice, key, number, pair, points, show, whole
+from fdjax.limits import Limits
+from fdjax.part.part import Part
+from fdjax.part.region import Region
+from fdjax.pattern import subdomains
+from fdjax.pattern.base import AbstractSettings, road_width_key
+from fdjax.pattern.raster_pattern import Fill, RasterPattern, Way
+from fdjax.road.bead import road_width, section_area
+from fdjax.target.target import Target
+
+FILLS = ("raster", "contour")
+
+_HALVES = 40
+"""How often the air gap is halved."""
+
+_MOST = 0.05
+"""Largest share by which a sub-domain's sections change so that its mean is met exactly."""
+
+_SAMPLES = 160
+"""Places along the longer side of a sub-domain at which its target is looked at."""
+
+
+def _domains(value: Any, place: Place) -> dict[str, Any]:
+    if not isinstance(value, dict) or len(value) != 1:
+        raise place.error(f"{show(value)}; one of grid, sites, levels or polygons is needed")
+    ((way, what),) = value.items()
+    readers = {
+        "grid": pair(whole(1, 100)),
+        "sites": points(1),
+        "levels": _several(number(0, 1)),
+        "polygons": _several(points(3)),
+    }
+    if way not in readers:
+        choice(*readers).read(way, place)
+    return {way: readers[way].read(what, place.at(f".{way}"))}
+
+
+def _several(one: Kind) -> Kind:
+    def read(value: Any, place: Place) -> tuple[Any, ...]:
+        if not isinstance(value, list | tuple) or not value:
+            raise place.error(f"{show(value)} must be a list in [ ]")
+        return tuple(one.read(item, place.at(f"[{k}]")) for k, item in enumerate(value))
+
+    return Kind(f"list of {one.text}", read)
+
+
+DOMAINS = Kind(
+    "`{grid = [columns, rows]}`, `{sites = points}`, `{levels = solid shares}` or "
+    "`{polygons = list of points}`",
+    _domains,
+)
+
+
+@dataclass(frozen=True)
+class Rasters(AbstractSettings):
+    """Sub-domains that are filled each in its own way, for any outline.
+
+    Lengths in mm. What has several values goes round the sub-domains in their order.
+    """
+
+    domains: dict[str, Any] | None = key(
+        DOMAINS, "sub-domains: cells of a grid or around sites, where the target lies between "
+        "levels, or as given; by default the region is one", default=None, shown="-",
+    )  # fmt: skip
+    fills: tuple[str, ...] = key(
+        _several(choice(*FILLS)), "of each sub-domain in turn", default=["raster"]
+    )
+    angles: tuple[float, ...] = key(
+        _several(number(-360, 360)), "of the rasters with the x axis, degrees, likewise",
+        default=[45.0],
+    )  # fmt: skip
+    turn: float = key(
+        number(-360, 360), "degrees by which every second layer turns them", default=90.0
+    )
+    road_width: float = road_width_key()
+    road_widths: tuple[float, ...] | None = key(
+        _several(LENGTH), "of each sub-domain in turn, instead of one", default=None, shown="-"
+    )
+    perimeters: int = key(whole(0, 20), "closed roads along the sides of each", default=1)
+    phases: int = key(
+        whole(1, 100), "layers of one angle over which the lines are shifted", default=5
+    )
+    air_gaps: tuple[float, ...] | None = key(
+        _several(number(0)), "between roads, mm, of each in turn; by default what the target asks",
+        default=None, shown="by target",
+    )  # fmt: skip
+    controls = ()
+
+    def begin(self, part: Part, target: Target, limits: Limits, window: float) -> RasterPattern:
+        """The fills of all sub-domains, with the air gaps that meet the mean of each.
+
+        A gap is halved until the roads of all layers hold what the target asks; what whole lines
+        leave over is met by the sections, up to 5 %. Raises `InputError` for sub-domains that do
+        not cover the region once, and for one whose perimeters hold more, or whose densest fill
+        holds less, than is asked.
+        """
+        regions = {slab.region for slab in part.slabs}
+        if len(regions) > 1:
+            raise InputError("rasters: all layers must have one outline")
+        (region,) = regions
+        outlines = self._outlines(region, target, part)
+        ways = self._ways(len(part.slabs))
+        fills = []
+        for number_, outline in enumerate(outlines):
+            width = self._width(number_)
+            own = Fill(
+                outline,
+                _of(self.fills, number_),
+                _of(self.angles, number_),
+                width,
+                width,
+                0.0,
+                self.perimeters,
+                _asked(outline, target, part),
+                self.air_gaps is None,
+            )
+            fills.append(self._gapped(own, number_, part, ways, limits))
+        return RasterPattern(
+            gaps=jnp.asarray([fill.gap for fill in fills]),
+            fills=tuple(fills),
+            ways=ways,
+            heights=tuple(slab.height for slab in part.slabs),
+            middles=tuple(part.middles.tolist()),
+        )
+
+    def _outlines(self, region: Region, target: Target, part: Part) -> list[subdomains.Outline]:
+        if self.domains is None:
+            return subdomains.whole(region)
+        ((way, what),) = self.domains.items()
+        if way == "grid":
+            return subdomains.grid(region, *what)
+        if way == "sites":
+            return subdomains.voronoi(region, what)
+        if way == "levels":
+            return subdomains.levels(region, target, what, part.height / 2)
+        return subdomains.given(region, what)
+
+    def _width(self, number_: int) -> float:
+        return self.road_width if self.road_widths is None else _of(self.road_widths, number_)
+
+    def _ways(self, layers: int) -> tuple[Way, ...]:
+        # A step near two fifths lets layers support each other, and their ends spread.
+        step = min(
+            (k for k in range(1, self.phases + 1) if gcd(k, self.phases) == 1),
+            key=lambda k: abs(k - 0.382 * self.phases),
+        )
+        turns = 1 if self.turn % 180 == 0 else 2
+        made = []
+        for layer in range(layers):
+            phase = (layer // turns * step % self.phases + 0.5) / self.phases
+            made.append(Way(layer % turns * self.turn, phase))
+        return tuple(made)
+
+    def _gapped(
+        self, fill: Fill, number_: int, part: Part, ways: tuple[Way, ...], limits: Limits
+    ) -> Fill:
+        """A fill with the air gap that its mean asks for, and sections that meet it exactly."""
+        counts = Counter(zip(ways, (slab.height for slab in part.slabs), strict=True))
+        volume = fill.asked * fill.outline.area * part.height
+
+        def held(gap: float) -> float:
+            some = fill.at(gap)
+            return sum(
+                count * some.length(way) * float(section_area(fill.width, height))
+                for (way, height), count in counts.items()
+            )
+
+        name = f"sub-domain {number_ + 1}"
+        if self.air_gaps is not None:
+            return fill.at(_of(self.air_gaps, number_))
+        low = max(0.0, (limits.least_spacing or 0.0) - fill.width)
+        high = max(4 * fill.width, 1.0)
+        most = held(low)
+        if most < volume * (1 - _MOST):
+            raise InputError(
+                f"{name}: a solid share of {fill.asked:.3f} is asked, and roads {fill.width:g} mm "
+                f"wide that touch hold {most / fill.outline.area / part.height:.3f}"
+            )
+        size = max(np.ptp(np.reshape(fill.outline.bounds, (2, 2)), axis=0))
+        while held(high) > volume:
+            if high > 2 * size:
+                raise InputError(
+                    f"{name}: a solid share of {fill.asked:.3f} is asked, and its perimeters alone "
+                    f"hold {held(high) / fill.outline.area / part.height:.3f}"
+                )
+            low, high = high, 2 * high
+        for _ in range(_HALVES):
+            middle = (low + high) / 2
+            low, high = (middle, high) if held(middle) > volume else (low, middle)
+        gap = min((low, high), key=lambda each: abs(held(each) - volume))
+        share = float(np.clip(volume / held(gap), 1 - _MOST, 1 + _MOST))
+        height = float(np.mean([slab.height for slab in part.slabs]))
+        section = share * float(section_area(fill.width, height))
+        return fill.at(gap).laid_at(float(road_width(np.array(section), height)))
+
+
+def _of(values: tuple[Any, ...], number_: int) -> Any:
+    return values[number_ % len(values)]
+
+
+def _asked(outline: subdomains.Outline, target: Target, part: Part) -> float:
+    """Mean solid share that is asked in an outline over all layers."""
+    x0, y0, x1, y1 = outline.bounds
+    step = max(x1 - x0, y1 - y0) / _SAMPLES
+    x, y = (np.arange(a + step / 2, b, step) for a, b in ((x0, x1), (y0, y1)))
+    x, y = (each.ravel() for each in np.meshgrid(x, y))
+    inside = shapely.contains_xy(outline, x, y)
+    if not inside.any():
+        at = shapely.get_coordinates(shapely.point_on_surface(outline))
+        x, y, inside = at[:, 0], at[:, 1], np.array([True])
+    heights = part.middles if target.varies_in_z else np.array([part.height / 2])
+    return float(np.mean([target.solid(x[inside], y[inside], z) for z in heights]))

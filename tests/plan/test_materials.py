@@ -1,0 +1,86 @@
+"""Materials of roads: by place, by chance, split, and the order that changes seldom."""
+
+import numpy as np
+import pytest
+from shapely import box
+
+from fdjax.errors import InputError
+from fdjax.plan.materials import ByChance, ByPlace, assigned, centre, centres, changes
+from fdjax.plan.toolpath import Build, Layer, Road
+
+BY_X = ByPlace(lambda x, y, z: x - 10.0)
+
+
+def build_of(*layers):
+    return Build(
+        tuple(
+            Layer(0.2 * (k + 1), 0.2, tuple(roads), box(0, 0, 20, 20))
+            for k, roads in enumerate(layers)
+        )
+    )
+
+
+def line(x0, x1, y, width=0.4):
+    return Road(np.array([(x0, y), (x1, y)]), width)
+
+
+def ring(x, y, r=2.0, points=40):
+    turn = np.linspace(0, 2 * np.pi, points, endpoint=False)
+    return Road(np.stack([x + r * np.cos(turn), y + r * np.sin(turn)], 1), 0.4, closed=True)
+
+
+def test_whole_roads_go_by_their_centres():
+    # Its points crowd on the right, its centre is left of the line.
+    square = Road(
+        np.array([(8.0, 0), (11, 0), (11, 1), (11, 2), (11, 3), (8, 3)]), 0.4, closed=True
+    )
+    build = assigned(build_of([line(0, 12, 5), line(9, 19, 7), square]), BY_X, (0, 1))
+    assert centre(square) == pytest.approx([9.5, 1.5])
+    assert sorted((road.xy[0, 0].item(), road.material) for road in build.layers[0].roads) == [
+        (0, 0), (8, 0), (9, 1),
+    ]  # fmt: skip
+
+
+def test_split_roads_hold_their_volume_and_change_at_the_line():
+    roads = [line(0, 20, 5), ring(10, 12, 4), line(2, 8, 9)]
+    build = build_of(roads, roads)
+    made = assigned(build, BY_X, (0, 1), split=True, least_road=1.0)
+    assert made.volume == pytest.approx(build.volume, rel=1e-9)
+    for layer in made.layers:
+        assert [len([r for r in layer.roads if r.material == m]) for m in (0, 1)] == [3, 2]
+        for road in layer.roads:
+            over = road.path[:, 0] - 10.0
+            assert (over if road.material else -over).min() > -0.21
+    assert changes(made) == 2
+
+
+def test_a_piece_too_short_to_lay_takes_its_neighbours_material():
+    narrow = ByPlace(lambda x, y, z: 0.4 - abs(x - 10.0))
+    (road,) = assigned(build_of([line(0, 20, 5)]), narrow, (0, 1), split=True).layers[0].roads
+    assert road.material == 0
+    assert road.length == pytest.approx(20)
+
+
+def test_layers_alternate_which_comes_first():
+    roads = [line(0, 4, k) for k in (1, 3, 5)] + [line(14, 18, k) for k in (2, 4)]
+    build = assigned(build_of(*[roads] * 6), BY_X, (3, 1))
+    order = [[road.material for road in layer.roads] for layer in build.layers]
+    assert order[:2] == [[3, 3, 3, 1, 1], [1, 1, 3, 3, 3]]
+    assert changes(build) == 6
+
+
+def test_chance_meets_its_share_and_repeats_with_its_seed():
+    roads = [line(0, 1 + k % 7, k / 4) for k in range(80)]
+    build = build_of(roads)
+    made = [assigned(build, ByChance(0.3, seed), (0, 1)) for seed in (1, 1, 2)]
+    drawn = [{r.xy[0, 1].item() for r in m.layers[0].roads if r.material} for m in made]
+    assert drawn[0] == drawn[1] != drawn[2]
+    for m in made:
+        _, volumes = centres(m)
+        second = np.array([road.material == 1 for road in m.layers[0].roads])
+        assert volumes[second].sum() / m.volume == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_function_that_is_not_finite_is_an_error_with_the_place():
+    with pytest.raises(InputError, match=r"nan at \(10, 5, 0.1\) mm"):
+        assigned(build_of([line(0, 20, 5)]), ByPlace(lambda x, y, z: np.sqrt(x - 11)), (0, 1))
