@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fdjax.grid import bspline
-from fdjax.grid.base import AbstractGridMap
+from fdjax.grid.base import AbstractGridMap, Tangents
 from fdjax.grid.spacing import AbstractSpacing, UniformSpacing
 
 _MEAN = 64
@@ -75,6 +75,48 @@ class Respaced(AbstractGridMap):
     closed: bool = eqx.field(static=True, default=False)
 
     def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
+        return self.base(*self._places(xi, eta))
+
+    def with_tangents(
+        self, xi: Float[Array, "..."], eta: Float[Array, "..."]
+    ) -> tuple[Float[Array, "... 2"], Tangents]:
+        places = self._places(xi, eta)
+        _, by_xi = jax.jvp(lambda t: self._places(t, eta), (xi,), (jnp.ones_like(xi),))
+        _, by_eta = jax.jvp(lambda t: self._places(xi, t), (eta,), (jnp.ones_like(eta),))
+        xy, along = _with_tangents(self.base, *places)
+
+        def chained(by: tuple[Array, Array]) -> Float[Array, "... 2"]:
+            return along.xi * by[0][..., None] + along.eta * by[1][..., None]
+
+        return xy, Tangents(chained(by_xi), chained(by_eta))
+
+    def _places(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> tuple[Array, Array]:
+        """Of the base map."""
         u = self.u(xi, eta) if isinstance(self.u, SpacingField) else self.u(xi)
         v = self.v(eta, xi) if isinstance(self.v, SpacingField) else self.v(eta)
-        return self.base(u, v - jnp.floor(v) if self.closed else v)
+        return u, v - jnp.floor(v) if self.closed else v
+
+
+@eqx.filter_custom_jvp
+def _with_tangents(base: AbstractGridMap, u: Array, v: Array) -> tuple[Array, Tangents]:
+    """What the map gives at places of its own, which may move.
+
+    Its slopes there are worked out once, however many controls move the places.
+    """
+    return base.with_tangents(u, v)
+
+
+@_with_tangents.def_jvp
+def _(primals: tuple, tangents: tuple) -> tuple:
+    base, u, v = primals
+    change, *moves = tangents
+    result = _with_tangents(base, u, v)
+    total = jax.tree.map(jnp.zeros_like, result)
+    if jax.tree.leaves(change):
+        _, total = eqx.filter_jvp(lambda base: base.with_tangents(u, v), (base,), (change,))
+    ways = (lambda t: base.with_tangents(t, v)), (lambda t: base.with_tangents(u, t))
+    for way, place, move in zip(ways, (u, v), moves, strict=True):
+        if move is not None:
+            _, slope = jax.jvp(way, (place,), (jnp.ones_like(place),))
+            total = jax.tree.map(lambda sum, by: sum + by * move[..., None], total, slope)  # noqa: B023
+    return result, total
