@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from fdjax.grid import bspline
 from fdjax.grid.base import AbstractGridMap, Tangents
@@ -23,6 +23,8 @@ class SpacingField(eqx.Module):
     - `closed_along`: t runs around a ring, and so may s: of each s_k the mean of `s_k(t) - t` is
       taken off, so that no place of the ring is held, and s goes on beyond [0, 1].
     - `closed_across`: the other axis does.
+    - `turned`, `begin`, `end`: the field as one block of several has it: t runs backwards, and the
+      other axis from `begin` to `end` of the field's own.
 
     Differentiable in the spacings and in both places.
     """
@@ -30,9 +32,17 @@ class SpacingField(eqx.Module):
     rows: AbstractSpacing
     closed_along: bool = eqx.field(static=True, default=False)
     closed_across: bool = eqx.field(static=True, default=False)
+    turned: Bool[Array, ""] | bool = False
+    begin: Float[Array, ""] | float = 0.0
+    end: Float[Array, ""] | float = 1.0
 
     def __call__(self, t: Float[Array, "..."], across: Float[Array, "..."]) -> Float[Array, "..."]:
         """s at t and at places `across`, which broadcast against each other."""
+        across = self.begin + (self.end - self.begin) * across
+        found = self._field(jnp.where(self.turned, 1 - t, t), across)
+        return jnp.where(self.turned, 1 - found, found)
+
+    def _field(self, t: Float[Array, "..."], across: Float[Array, "..."]) -> Float[Array, "..."]:
         count = len(jax.tree.leaves(self.rows)[0])
         values = self._values(t)
         if count == 1:

@@ -11,6 +11,7 @@ PATTERNS = {
     "texture": "textures:Textures",
     "curve": "curves:Curves",
     "grid-lines": "map_lines:MapLines",
+    "blocks": "block_lines:Settings",
     "mesh": "mesh:Mesh",
 }
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""
