@@ -1,5 +1,7 @@
 """Blocks of a region, found by themselves: right-angled outlines, rings, discs and their like."""
 
+from typing import Any
+
 import numpy as np
 import shapely
 from shapely import LineString, Point, Polygon, affinity
@@ -45,7 +47,9 @@ def blocks_of(region: Polygon, road_width: float) -> Blocks:
     try:
         return Blocks.of(region, quads)
     except InputError as fault:
-        raise InputError(f"part: the blocks found by themselves do not fit: {fault}; {ELSE}") from None
+        raise InputError(
+            f"part: the blocks found by themselves do not fit: {fault}; {ELSE}"
+        ) from None
 
 
 def _corners(region: Polygon) -> Floats:
@@ -55,7 +59,7 @@ def _corners(region: Polygon) -> Floats:
 
 
 def _squared(region: Polygon) -> tuple[float, Floats] | None:
-    """The angle of the outline's sides, degrees, and its points turned upright, if all are square."""
+    """The angle of an outline with right angles, degrees, and its points turned upright."""
     xy = np.asarray(region.exterior.coords)
     step = np.diff(xy, axis=0)
     if len(step) > 4 * MOST:
@@ -74,7 +78,7 @@ def _distinct(values: Floats, near: float) -> Floats:
 
 def _cells(region: Polygon, angle: float, outline: Floats, thin: float) -> Floats:
     """Blocks of an outline with right angles, `outline` its points turned upright."""
-    upright = affinity.rotate(region, -angle, origin=(0, 0))
+    upright: Any = affinity.rotate(region, -angle, origin=(0, 0))
     near = MEET * float(np.ptp(outline, axis=0).max())
     lines = [_distinct(outline[:, k], near) for k in (0, 1)]
     holes = [Polygon(ring) for ring in upright.interiors]
@@ -95,7 +99,7 @@ def _cells(region: Polygon, angle: float, outline: Floats, thin: float) -> Float
     filled = Polygon(upright.exterior)
     quads = []
     for i, j in np.ndindex(len(x) - 1, len(y) - 1):
-        cell = shapely.box(x[i], y[j], x[i + 1], y[j + 1])
+        cell: Any = shapely.box(x[i], y[j], x[i + 1], y[j + 1])
         if not filled.contains(cell.centroid):
             continue
         inner = [hole for hole in holes if hole.intersects(cell) and hole.intersection(cell).area]
@@ -148,7 +152,7 @@ def _cuts(spans: Floats, own: Floats) -> Floats:
             inside = (own > end) & (own < begin)
             if not inside.any():
                 cuts.append((float(end) + begin) / 2)
-    return np.unique(np.round(cuts, 9)) if cuts else np.zeros(0)
+    return np.array(sorted(set(np.round(cuts, 9).tolist())), float)
 
 
 def _needed(lines: list[Floats], boxes: Floats, outline: Floats, near: float) -> list[Floats]:
@@ -218,4 +222,6 @@ def _inside(region: Polygon) -> Floats:
         return corners[None]
     inner = middle + INNER * (corners - middle)
     after = [1, 2, 3, 0]
-    return np.concatenate([inner[None], np.stack([corners, corners[after], inner[after], inner], 1)])
+    return np.concatenate(
+        [inner[None], np.stack([corners, corners[after], inner[after], inner], 1)]
+    )

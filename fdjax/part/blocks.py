@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -298,7 +298,8 @@ def _along(ring: LinearRing, nodes: Floats, near: float) -> dict[tuple[int, int]
     walked = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
     total = walked[-1]
     for k, node in enumerate(on):
-        x, y = shapely.get_coordinates(ring.interpolate(place[k]))[0]
+        on_ring: Any = shapely.line_interpolate_point(ring, float(place[k]))
+        x, y = on_ring.x, on_ring.y
         corner = int(np.hypot(*(xy - [x, y]).T).argmin())
         nodes[node] = xy[corner] if np.hypot(*(xy[corner] - [x, y])) <= near else (x, y)
     for a, b, begin, end in zip(on, np.roll(on, -1), place, np.roll(place, -1), strict=True):

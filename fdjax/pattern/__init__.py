@@ -13,6 +13,7 @@ PATTERNS = {
     "grid-lines": "map_lines:MapLines",
     "blocks": "block_lines:Settings",
     "mesh": "mesh:Mesh",
+    "auto": "auto:Auto",
 }
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""
 

@@ -1,4 +1,5 @@
 """Lines of several blocks that share sides: what a user says of them, and how they begin."""
+# ruff: noqa: RUF009 - `key` gives a dataclass field
 
 from dataclasses import dataclass
 from typing import Any
@@ -57,6 +58,8 @@ def _curves(value: Any, place: Place) -> Any:
     return tuple(found)
 
 
+Corners = tuple[tuple[float, float], ...]
+
 BLOCKS = Kind("list of blocks, each of 4 corners `[x, y]`", _blocks)
 CURVES = Kind("list of `{polyline = points}`, `{spline = points}`, `{arc = 3 points}`", _curves)
 
@@ -74,7 +77,9 @@ class Settings(AbstractSettings):
     For parts of one region. Lengths in mm; see the job's keys for what each value means.
     """
 
-    blocks: Any = key(BLOCKS, "corners of the blocks, mm", default=None, shown="found by themselves")
+    blocks: Any = key(
+        BLOCKS, "corners of the blocks, mm", default=None, shown="found by themselves"
+    )
     curves: Any = key(CURVES, "of sides within the part that are not straight, mm", default=[])
     mode: str = mode_key()
     phases: int = phases_key()
@@ -154,7 +159,9 @@ class Settings(AbstractSettings):
             return BlockControls()
         free = free_of(self.road_width, *limits.road_width)
         widths = {"width": jnp.asarray(free), "width_field": jnp.full(self.field_knots, free)}
-        width = next((jnp.asarray(widths[k], jnp.float64) for k in widths if k in self.controls), None)
+        width = next(
+            (jnp.asarray(widths[k], jnp.float64) for k in widths if k in self.controls), None
+        )
         spacing = None
         if {"spacing", "spacing_field"} & set(self.controls):
             across, along = _sizes(structure, blocks)

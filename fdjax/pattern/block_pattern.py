@@ -22,14 +22,17 @@ from fdjax.pattern.width import within
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.patches import Families, patch_deposit
-from fdjax.road.porosity import Lattice, Samples
+from fdjax.road.porosity import Lattice, Margins, Samples
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
 from fdjax.road.stroke import Lines
 
 Floats = np.ndarray
 
-PRESS = 0.49
-"""Lines beside a wall are pressed onto it from this share of a road's width beyond."""
+PRESS = 0.25
+"""Lines beside a wall are pressed back on it from this share of a road's width beyond."""
+
+RAMP = 0.3
+"""Share of a block over which lines come back that keep off a wall of the block before."""
 
 FOLD_FLOOR = 0.02
 """J over its block's mean below which design is pushed back from folding."""
@@ -201,7 +204,7 @@ class BlockLines(AbstractPattern):
             )
             for k in (0, 1)
         ]
-        return Respaced(base, *fields)
+        return Respaced(base, fields[0], fields[1])
 
     def counts(self, controls: BlockControls) -> Float[Array, " bands"]:
         """Lines of each band in all phases together, real numbers."""
@@ -209,10 +212,10 @@ class BlockLines(AbstractPattern):
 
     def road_width(self, controls: BlockControls) -> PlacedWidth:
         if controls.width is not None:
-            return PlacedWidth(controls.width, *self.box, self.width_range)
+            return PlacedWidth(controls.width, self.box[0], self.box[1], self.width_range)
         # `within` keeps the ends of its range out of reach.
         low = self.width / 2
-        return PlacedWidth(jnp.zeros(()), *self.box, (low, 3 * low))
+        return PlacedWidth(jnp.zeros(()), self.box[0], self.box[1], (low, 3 * low))
 
     def realise(self, controls: BlockControls) -> Realised:
         grid, where = self.grid(controls), self.samples
@@ -307,8 +310,13 @@ class BlockLines(AbstractPattern):
     def strokes(self, controls: BlockControls, points: int = 97) -> Iterator[Sequence[Lines]]:
         grid, width = _shape(self, controls)
         combs = self.whole_counts(controls)
+        walls = np.asarray(self.places.walls)
+        edges = [
+            jax.tree.map(np.asarray, _edges(grid, width, block, points))
+            for block in range(len(walls))
+        ]
         traced = [
-            _traced(grid, width, band, (np.arange(comb) + 0.5) / comb, points)
+            _traced(grid, width, band, comb, _squeezed(band, edges, walls))
             for band, comb in zip(self.structure.bands, combs, strict=True)
         ]
         made: dict[Scan, Lines] = {}
@@ -379,16 +387,58 @@ def _shape(pattern: BlockLines, controls: BlockControls) -> tuple[AbstractGridMa
 _BATCH = 32
 
 
+@eqx.filter_jit
+def _edges(grid: AbstractGridMap, width: PlacedWidth, block: Any, points: int) -> Margins:
+    own, run, ends = _one(grid, block), jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
+    _, across = tangents(own, ends[:, None], run[None])
+    _, beside = tangents(own, run[:, None], ends[None])
+    return Margins.of(across, beside, width.ends[1] / 2)
+
+
+def _squeezed(band: Band, edges: list[Margins], walls: Floats) -> list[tuple[Floats, Floats]]:
+    """How far a band's lines keep from the walls at its two sides, for each of its stretches.
+
+    As shares of the band's breadth, at points along the lines. Where a wall ends the lines come
+    back slowly, so that they have no step there.
+    """
+    found = []
+    for stretch in band.stretches:
+        edge = edges[stretch.block]
+        sides = [(edge.left, 3), (edge.right, 1)]
+        if stretch.axis == 1:
+            sides = [(edge.bottom, 0), (edge.top, 2)]
+        pair = [margin * walls[stretch.block, k] for margin, k in sides]
+        pair = pair[::-1] if stretch.turned else pair
+        found.append([margin[::-1] if stretch.back else margin for margin in pair])
+    count = len(found)
+    ramp = np.maximum(1 - np.linspace(0, 1, len(found[0][0])) / RAMP, 0.0)
+    smooth = [[margin.copy() for margin in pair] for pair in found]
+    for k in range(count if band.closed else count - 1):
+        after = (k + 1) % count
+        for side in (0, 1):
+            end, begin = found[k][side][-1], found[after][side][0]
+            # Both come to the larger of the two at the join.
+            joint = max(end, begin)
+            smooth[k][side] += (joint - end) * ramp[::-1]
+            smooth[after][side] += (joint - begin) * ramp
+    return [(first, last) for first, last in smooth]
+
+
 def _traced(
-    grid: AbstractGridMap, width: PlacedWidth, band: Band, across: Floats, points: int
+    grid: AbstractGridMap,
+    width: PlacedWidth,
+    band: Band,
+    comb: int,
+    margins: list[tuple[Floats, Floats]],
 ) -> tuple[Floats, Floats]:
-    """Points of a band's lines, at places across it, and their widths; higher ones on the right."""
-    more = -len(across) % _BATCH
-    places = np.append(across, np.full(more, 0.5))[:, None]
+    """Points of a band's lines and their widths; higher levels lie on the right."""
+    more, points = -comb % _BATCH, len(margins[0][0])
+    places = np.append((np.arange(comb) + 0.5) / comb, np.full(more, 0.5))[:, None]
     run = np.linspace(0, 1, points)[None]
     xy, widths = [], []
-    for number, stretch in enumerate(band.stretches):
-        own = np.broadcast_to(1 - places if stretch.turned else places, (len(places), points))
+    for number, (stretch, (first, last)) in enumerate(zip(band.stretches, margins, strict=True)):
+        own = places + first * (1 - places) - last * places
+        own = 1 - own if stretch.turned else own
         along = np.broadcast_to(1 - run if stretch.back else run, own.shape)
         pair = (own, along) if stretch.axis == 0 else (along, own)
         pieces = [
@@ -396,22 +446,26 @@ def _traced(
             for k in range(0, len(own), _BATCH)
         ]
         course, wide = map(np.concatenate, zip(*pieces, strict=True))
-        xy.append(course[: len(across), 1 if number else 0 :])
-        widths.append(wide[: len(across)])
+        xy.append(course[:comb, 1 if number else 0 :])
+        widths.append(wide[:comb])
     course, wide = np.concatenate(xy, 1), np.concatenate(widths, 1)
     if band.closed:
         course[:, -1] = course[:, 0]
-    first = band.stretches[0]
-    if (first.axis == 0) == (first.turned == first.back):
+    start = band.stretches[0]
+    if (start.axis == 0) == (start.turned == start.back):
         return course, wide
     return course[:, ::-1], wide[:, ::-1]
+
+
+def _one(grid: AbstractGridMap, block: Any) -> Any:
+    """The map of one block."""
+    arrays, rest = eqx.partition(grid, eqx.is_array)
+    return eqx.combine(jax.tree.map(lambda part: part[block], arrays), rest)
 
 
 @eqx.filter_jit
 def _batch(
     grid: AbstractGridMap, width: PlacedWidth, block: Any, xi: Any, eta: Any
 ) -> tuple[Array, Array]:
-    arrays, rest = eqx.partition(grid, eqx.is_array)
-    own = eqx.combine(jax.tree.map(lambda part: part[block], arrays), rest)
-    xy = own(xi, eta)
+    xy = _one(grid, block)(xi, eta)
     return xy, width((xy[:, 1:] + xy[:, :-1]) / 2)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -129,7 +130,8 @@ class Room:
             lines = shapely.line_merge(shapely.union_all([shapely.LineString(c) for c in cuts]))
             slit = shapely.buffer(lines, SLIT / 2, cap_style="flat", join_style="mitre")
             # The cuts are kept, so that their identities stay theirs.
-            self._parted[key] = Room(self.geometry.difference(slit), self.tolerance), tuple(cuts)
+            parted: Any = self.geometry.difference(slit)
+            self._parted[key] = Room(parted, self.tolerance), tuple(cuts)
         return self._parted[key][0]
 
     def walls(self, road_width: float, press: float = 0.0) -> Walls:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from fdjax.grid.base import norm
-from fdjax.road.porosity import LayerDeposit, Lattice, Margins, Samples
+from fdjax.road.porosity import Lattice, LayerDeposit, Margins, Samples
 
 
 class Families(NamedTuple):
