@@ -313,7 +313,7 @@ class BlockLines(AbstractPattern):
         walls = np.asarray(self.places.walls)
         edges = [
             jax.tree.map(np.asarray, _edges(grid, width, block, points))
-            for block in range(len(walls))
+            for block in np.arange(len(walls))
         ]
         traced = [
             _traced(grid, width, band, comb, _squeezed(band, edges, walls))
@@ -442,7 +442,7 @@ def _traced(
         along = np.broadcast_to(1 - run if stretch.back else run, own.shape)
         pair = (own, along) if stretch.axis == 0 else (along, own)
         pieces = [
-            _batch(grid, width, stretch.block, *(each[k : k + _BATCH] for each in pair))
+            _batch(grid, width, np.asarray(stretch.block), *(each[k : k + _BATCH] for each in pair))
             for k in range(0, len(own), _BATCH)
         ]
         course, wide = map(np.concatenate, zip(*pieces, strict=True))
