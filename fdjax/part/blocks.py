@@ -286,7 +286,7 @@ def _merged(points: Floats, near: float) -> tuple[Floats, NDArray[np.intp]]:
 
 def _along(ring: LinearRing, nodes: Floats, near: float) -> dict[tuple[int, int], Curve]:
     """The pieces of a ring between the nodes on it; these are moved onto it."""
-    points = shapely.points(nodes)
+    points: Any = shapely.points(nodes)
     on = np.flatnonzero(shapely.distance(points, ring) <= near)
     xy = np.asarray(ring.coords)[:, :2]
     place = shapely.line_locate_point(ring, points[on])

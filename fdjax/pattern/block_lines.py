@@ -30,6 +30,7 @@ from fdjax.pattern.reach import check_reachable
 from fdjax.pattern.width import free_of
 from fdjax.road.bead import section_area
 from fdjax.road.porosity import Samples
+from fdjax.road.stacking import FAMILIES
 from fdjax.target.target import Target
 
 CORNERS = points(4, 4)
@@ -66,8 +67,11 @@ CURVES = Kind("list of `{polyline = points}`, `{spline = points}`, `{arc = 3 poi
 FIELD = (14, 7)
 """Most coefficients of a band's spacing across it, and along it."""
 
-SQUARE = 0.3
+SQUARE = 0.2
 """How much the first numbers of lines care for cells as wide as long, beside what is asked."""
+
+ROOM = 0.9
+"""Share of the lines that a band has room for, of which it begins with no more."""
 
 
 @dataclass(frozen=True)
@@ -202,29 +206,38 @@ def _realised(pattern: BlockLines) -> Any:
 
 
 def _first_lines(pattern: BlockLines, realised: Any, target: Target, limits: Limits) -> Any:
-    """Lines a layer of each band, so that each block gets about what is asked there, (bands,)."""
-    lattice = realised.lattice
-    xy, along = np.asarray(lattice.xy), lattice.along
-    weight = np.asarray(lattice.xi.weights[:, None] * lattice.eta.weights)
-    jacobian = np.maximum(np.asarray(along.jacobian), 0) * weight
+    """Lines a layer of each band that come nearest to what is asked, place by place, (bands,).
+
+    No more than even spacing has room for where the band is narrowest.
+    """
+    (xi, eta, xy, along), inner = realised.lattice, (slice(None), slice(1, -1), slice(1, -1))
+    xy, jacobian = np.asarray(xy)[inner], np.maximum(np.asarray(along.jacobian)[inner], 1e-12)
     solid = 1 - np.asarray(target(xy[..., 0], xy[..., 1]))
     height, section = pattern.height, float(section_area(pattern.width, pattern.height))
-    shares = [pattern.stacking.layer_share(family) for family in ("xi", "eta")]
-    places = np.concatenate([xy.reshape(-1, 2), np.zeros((xy[..., 0].size, 1))], 1)
+    shares = np.array([pattern.stacking.layer_share(family) for family in FAMILIES])
+    places = np.concatenate([xy.reshape(-1, 2), np.zeros((solid.size, 1))], 1)
     check_reachable(
-        solid.ravel(), places, height=height, lengths=(sum(shares), sum(shares)),
+        solid.ravel(), places, height=height, lengths=(shares.sum(), shares.sum()),
         widths=(pattern.width, pattern.width), limits=limits,
     )  # fmt: skip
-    asked = (solid * jacobian).sum((1, 2)) * height / section
-    length = np.stack([
-        (np.asarray(norm(tangent)) * weight).sum((1, 2)) for tangent in (along.eta, along.xi)
-    ], 1)  # fmt: skip
+    # Centre line an area that one line of each family brings, and the area of each place.
+    brought = np.stack([
+        np.asarray(norm(tangent))[inner] / jacobian for tangent in (along.eta, along.xi)
+    ])  # fmt: skip
+    area = jacobian * np.asarray(xi.weights[1:-1, None] * eta.weights[1:-1])
+    weight = np.sqrt(area / area.sum()) / (solid.mean() * height / section)
+    least = limits.least_spacing or pattern.width
     band, family = np.asarray(pattern.places.band), np.asarray(pattern.places.family)
-    brought = length * np.array(shares)[family] / asked[:, None]
-    count, blocks = len(pattern.lines), np.arange(len(band))
-    met, alike = np.zeros((2, len(band), count))
-    for k, sign in ((0, 1.0), (1, -1.0)):
-        met[blocks, band[:, k]] += brought[:, k]
-        alike[blocks, band[:, k]] += sign * SQUARE * brought[:, k]
-    goal = np.concatenate([np.ones(len(band)), np.zeros(len(band))])
-    return lsq_linear(np.concatenate([met, alike]), goal, bounds=(1.0, np.inf)).x
+    count, blocks = len(pattern.lines), len(band)
+    met, alike = np.zeros((2, blocks, solid[0].size, count))
+    most = np.full(count, np.inf)
+    for block, k in np.ndindex(blocks, 2):
+        number, own = band[block, k], brought[k, block]
+        each = (weight[block] * shares[family[block, k]] * own).ravel()
+        met[block, :, number] += each
+        alike[block, :, number] += SQUARE * (1 - 2 * k) * each
+        most[number] = min(most[number], ROOM / (least * float(own.max())))
+    goal = (weight * solid * height / section).reshape(-1)
+    system = np.concatenate([each.reshape(-1, count) for each in (met, alike)])
+    most = np.maximum(most, 1.5)
+    return lsq_linear(system, np.append(goal, np.zeros_like(goal)), bounds=(1.0, most)).x

@@ -31,6 +31,9 @@ Floats = np.ndarray
 PRESS = 0.25
 """Lines beside a wall are pressed back on it from this share of a road's width beyond."""
 
+PATIENCE = 0.01
+"""Steps cost little beside compiling."""
+
 RAMP = 0.3
 """Share of a block over which lines come back that keep off a wall of the block before."""
 
@@ -180,6 +183,10 @@ class BlockLines(AbstractPattern):
 
     def controls(self) -> BlockControls:
         return self.first
+
+    @property
+    def patience(self) -> float | None:
+        return PATIENCE
 
     def at(self, controls: BlockControls) -> "BlockLines":
         return eqx.tree_at(lambda p: p.first, self, controls)

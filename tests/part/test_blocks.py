@@ -1,11 +1,9 @@
 """Blocks that share sides: what they cover, how bands run through them, what is refused."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import shapely
+from outlines import OUTLINES
 from shapely import Polygon, affinity, box
 
 from fdjax.errors import InputError
@@ -13,9 +11,6 @@ from fdjax.part.blocking import blocks_of
 from fdjax.part.blocks import Blocks, padded
 from fdjax.part.contour import circle, valid_polygon
 from fdjax.part.curve import arc, polyline
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from outlines import OUTLINES
 
 TEE = box(0, 0, 80, 30).union(box(25, 0, 55, 80))
 CROSS = box(0, 25, 80, 55).union(box(25, 0, 55, 80))
@@ -146,5 +141,5 @@ def test_padding_keeps_polylines_as_they_are():
                                                                .uniform(size=(9, 2)))  # fmt: skip
     for before, after in zip((short, long), padded([short, long]), strict=True):
         assert len(after.breaks) == 9
-        lines = [shapely.LineString(each.polyline()) for each in (before, after)]
-        assert shapely.hausdorff_distance(*lines) < 1e-12
+        one, other = (shapely.LineString(each.polyline()) for each in (before, after))
+        assert one.hausdorff_distance(other) < 1e-12

@@ -1,13 +1,12 @@
 """Lines of blocks as roads: they run on from block to block, and lie where their model has them."""
 
-import sys
-from pathlib import Path
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from outlines import OUTLINES
 from shapely import LineString, Polygon, box, points, union_all
+from slopes import assert_slopes
 
 from fdjax.errors import InputError
 from fdjax.limits import Limits
@@ -20,11 +19,6 @@ from fdjax.pattern.block_pattern import BlockControls
 from fdjax.plan.trace import lay
 from fdjax.road.window import SoftWindows
 from fdjax.target.target import Target
-
-from slopes import assert_slopes
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-from outlines import OUTLINES
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
 
