@@ -11,7 +11,7 @@ PATTERNS = {
     "texture": "textures:Textures",
     "curve": "curves:Curves",
     "grid-lines": "map_lines:MapLines",
-    "blocks": "block_lines:Settings",
+    "blocks": "block_lines:Multiblock",
     "mesh": "mesh:Mesh",
     "auto": "auto:Auto",
 }

@@ -75,7 +75,7 @@ ROOM = 0.9
 
 
 @dataclass(frozen=True)
-class Settings(AbstractSettings):
+class Multiblock(AbstractSettings):
     """Lines of blocks that share sides, each block with a transfinite map of its own.
 
     For parts of one region. Lengths in mm; see the job's keys for what each value means.
@@ -127,7 +127,7 @@ class Settings(AbstractSettings):
             float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
             for side in blocks.sides.values()
         )
-        count = int(np.clip(np.ceil(4 * longest / window), 12, 40))
+        count = int(np.clip(np.ceil(4 * longest / window), 16, 44))
         low, high = np.reshape(polygon.bounds, (2, 2))
         pattern = BlockLines(
             sides=stacked_sides(blocks),
@@ -137,7 +137,7 @@ class Settings(AbstractSettings):
             width_range=limits.road_width,
             height=part.slabs[0].height,
             first=BlockControls(),
-            samples=Samples.between(np.linspace(0, 1, count + 1)),
+            samples=Samples.between(_edges(count)),
             box=jnp.asarray(np.stack([low, high])),
             structure=structure,
             stacking=stacking,
@@ -180,6 +180,12 @@ class Settings(AbstractSettings):
                 for band in structure.bands
             )  # fmt: skip
         return BlockControls(spacing, jnp.zeros(len(structure.bands)), width)
+
+
+def _edges(count: int) -> Any:
+    """Edges of parts of [0, 1], half as long at its ends: lines are drawn out most along walls."""
+    even = np.linspace(0, 1, count + 1)
+    return (even + (1 - np.cos(np.pi * even)) / 2) / 2
 
 
 def _sizes(structure: Structure, blocks: Blocks) -> tuple[float, float]:

@@ -40,6 +40,10 @@ RAMP = 0.3
 FOLD_FLOOR = 0.02
 """J over its block's mean below which design is pushed back from folding."""
 
+SPARSE = 3.0
+"""Lines lie no further apart than so many times their mean in a block: where a band is drawn out
+further than that, the places at which design looks are too few to see it."""
+
 APART = 1_000_003
 """Levels of one band and of the next lie so far apart: lines of two bands are no neighbours."""
 
@@ -292,6 +296,7 @@ class BlockLines(AbstractPattern):
             "spacing": (least / spacing)[:, :, 1:-1, 1:-1].ravel() - 1,
             # A road crosses lines of the other family that lie so far apart below it.
             "span": inner[:, :, ::2, ::2].ravel() / limits.longest_span - 1,
+            "sparse": (spacing / spacing.mean((2, 3), keepdims=True)).ravel() / SPARSE - 1,
         }
 
     def roughness(self, controls: BlockControls) -> Float[Array, " n"]:

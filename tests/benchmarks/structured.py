@@ -43,7 +43,7 @@ def job(outline: str, target: str, kind: str) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Lines that follow the boundary, and auto.")
     parser.add_argument("--only", nargs="*", choices=NAMES, default=list(NAMES))
     parser.add_argument("--targets", nargs="*", choices=ASKED, default=list(ASKED))
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))

@@ -14,7 +14,7 @@ from fdjax.optimise.objective import Objective
 from fdjax.part.contour import circle
 from fdjax.part.part import Part
 from fdjax.pattern.auto import Auto
-from fdjax.pattern.block_lines import Settings
+from fdjax.pattern.block_lines import Multiblock
 from fdjax.pattern.block_pattern import BlockControls
 from fdjax.plan.trace import lay
 from fdjax.road.window import SoftWindows
@@ -29,7 +29,7 @@ ELL = Polygon([(0, 0), (40, 0), (40, 18), (18, 18), (18, 40), (0, 40)])
 
 
 def begun(polygon, layers=10, target=EVEN, **settings):
-    return Settings(**settings).begin(Part.plate(polygon, layers=layers), target, LIMITS, 5.0)
+    return Multiblock(**settings).begin(Part.plate(polygon, layers=layers), target, LIMITS, 5.0)
 
 
 def laid(pattern, polygon):
@@ -109,7 +109,7 @@ def test_numbers_of_lines_are_scaled_alike_where_the_mean_is_missed():
 
 def test_controls_that_exclude_each_other_are_refused():
     with pytest.raises(InputError, match="exclude each other"):
-        Settings(controls=("spacing", "spacing_field"))
+        Multiblock(controls=("spacing", "spacing_field"))
     assert begun(ELL, controls=()).first == BlockControls()
 
 
