@@ -131,11 +131,16 @@ def _best(
         except InputError as fault:
             tried.append(f"tried {name}: {fault}")
             continue
-        errors, misses = _quality(own, plan, machine, target)
+        # As it would be written, but for the file's steps.
+        trimmed = _trimmed(own, result, plan, machine)
+        errors, misses = _quality(own, trimmed, machine, target)
         errors += not result.made
-        rms = compare(measure(plan, window=job.target.window), target).rms
+        plain, shifted = (
+            compare(measure(trimmed, window=job.target.window, shift=shift), target).rms
+            for shift in SHIFTS
+        )
         tried.append(
-            f"tried {name}: RMS {rms:.4f} on its roads"
+            f"tried {name}: RMS {plain:.4f}, shifted {shifted:.4f} on its roads"
             + (f", {errors} kinds of errors" if errors else "")
         )
         found.append(((errors, misses), name, own, result, plan))
@@ -173,7 +178,7 @@ def _quality(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[i
     """
     found = _checked(job, plan, machine)
     misses = 0.0
-    for shift in ((0.0, 0.0), (0.5, 0.5)):
+    for shift in SHIFTS:
         seen = compare(measure(plan, window=job.target.window, shift=shift), target)
         misses += seen.rms**2 + (WHOLE * (seen.mean_got - seen.mean_asked)) ** 2
     return sum(each.severity == "error" for each in found), misses
@@ -212,6 +217,9 @@ def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
     faint = abs(result.volume / plan.volume - 1) < FAINT
     return trimmed if faint and low <= widths.min() and widths.max() <= high else plan
 
+
+SHIFTS = (0.0, 0.0), (0.5, 0.5)
+"""Windows are looked at where they are, and shifted by half."""
 
 FAINT = 0.01
 """Largest share by which sections change where the road width is given."""

@@ -42,7 +42,10 @@ class Auto(AbstractSettings):
     mode: str = mode_key()
     phases: int = phases_key()
     road_width: float = road_width_key()
-    controls: tuple[str, ...] = ("those of each",)
+
+    @property
+    def controls(self) -> tuple[str, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return ()
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> AbstractPattern:
         raise InputError('pattern: "auto" is several patterns; design each of its `candidates`')
