@@ -21,6 +21,7 @@ _HOMES = {
     "Textures": "pattern.textures",
     "Curves": "pattern.curves",
     "MapLines": "pattern.map_lines",
+    "Multiblock": "pattern.block_lines",
     "Mesh": "pattern.mesh",
     "lay": "plan.trace",
     "trim": "plan.trace",

@@ -20,6 +20,7 @@ from fdjax.optimise.design import design as solve
 from fdjax.optimise.least_squares import Progress
 from fdjax.optimise.objective import WHOLE
 from fdjax.part.part import Part
+from fdjax.pattern.auto import Auto
 from fdjax.plan.check import Finding, check
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
@@ -52,26 +53,14 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
         raise InputError(f'{narrow[0]}{more}; with narrow = "skip" such places stay empty')
 
-    def show(step: Progress) -> None:
-        progress(f"step {step.step:3d}   RMS error {step.error:.5f}   {step.seconds:5.1f} s")
-
     # Matplotlib takes long to load: let it do so while the optimiser computes.
     pictures = Thread(target=import_module, args=["fdjax.view.figures"])
     pictures.start()
-    result = solve(
-        part,
-        target,
-        limits=main.limits,
-        pattern=job.pattern,
-        window=job.target.window,
-        objective=job.design.objective,
-        smoothness=job.design.smoothness,
-        iterations=job.design.iterations if job.pattern.controls else 0,
-        span_limit=job.design.span_limit,
-        progress=show,
-    )
-    progress("planning roads")
-    result, plan = _planned(job, result, main, target, show)
+    if isinstance(job.pattern, Auto):
+        job, result, plan, tried = _best(job, job.pattern, part, target, main, progress)
+    else:
+        result, plan = _designed(job, part, target, main, progress)
+        tried = []
     plans = {main: plan}
     written = []
     for kind, machine in machines.items():
@@ -94,7 +83,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if job.materials.given:
             laid = job.materials.laid(part, target, written[-1].build)
             written[-1] = replace(written[-1], materials=laid)
-    notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips]
+    notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips, *tried]
     faults = faults_of(job, result, written)
     _pictures(job, folder, result, written)
     report = report_of(job, result, written, faults, notes)
@@ -110,6 +99,66 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     return table_of(
         job, result, written, [*notes, *report["design"]["pattern"].get("warnings", ())]
     )
+
+
+def _designed(
+    job: Job, part: Part, target: Target, machine: Machine, progress: Callable[[str], None]
+) -> tuple[Design, Build]:
+    def show(step: Progress) -> None:
+        progress(f"step {step.step:3d}   RMS error {step.error:.5f}   {step.seconds:5.1f} s")
+
+    result = solve(
+        part,
+        target,
+        limits=machine.limits,
+        pattern=job.pattern,
+        window=job.target.window,
+        objective=job.design.objective,
+        smoothness=job.design.smoothness,
+        iterations=job.design.iterations if job.pattern.controls else 0,
+        span_limit=job.design.span_limit,
+        progress=show,
+    )
+    progress("planning roads")
+    return _planned(job, result, machine, target, show)
+
+
+def _best(
+    job: Job,
+    auto: Auto,
+    part: Part,
+    target: Target,
+    machine: Machine,
+    progress: Callable[[str], None],
+) -> tuple[Job, Design, Build, list[str]]:
+    """The pattern whose plan is best, of all that suit the part, and in words what was tried."""
+    found: list[tuple[tuple[int, float], str, Job, Design, Build]] = []
+    tried = []
+    for name, settings in auto.candidates(part):
+        progress(f"trying {name}")
+        own = replace(job, pattern=settings)
+        try:
+            result, plan = _designed(own, part, target, machine, progress)
+        except InputError as fault:
+            tried.append(f"tried {name}: {fault}")
+            continue
+        # As it would be written, but for the file's steps.
+        trimmed = _trimmed(own, result, plan, machine)
+        errors, misses = _quality(own, trimmed, machine, target)
+        errors += not result.made
+        plain, shifted = (
+            compare(measure(trimmed, window=job.target.window, shift=shift), target).rms
+            for shift in SHIFTS
+        )
+        tried.append(
+            f"tried {name}: RMS {plain:.4f}, shifted {shifted:.4f} on its roads"
+            + (f", {errors} kinds of errors" if errors else "")
+        )
+        found.append(((errors, misses), name, own, result, plan))
+    if not found:
+        raise InputError("; ".join(tried))
+    _, name, own, result, plan = min(found, key=lambda each: each[0])
+    return own, result, plan, [*tried, f"kept {name}"]
 
 
 def _planned(
@@ -130,14 +179,17 @@ def _planned(
 
 
 def _faultiness(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[int, float]:
+    """What `_quality` says, where it is asked for."""
+    return _quality(job, plan, machine, target) if job.pattern.corrections else (0, 0.0)
+
+
+def _quality(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[int, float]:
     """Errors of a plan, and how far its windows, where they are and shifted by half, and its mean
     are from the target: weighed as in design.
     """
-    if not job.pattern.corrections:
-        return 0, 0.0
     found = _checked(job, plan, machine)
     misses = 0.0
-    for shift in ((0.0, 0.0), (0.5, 0.5)):
+    for shift in SHIFTS:
         seen = compare(measure(plan, window=job.target.window, shift=shift), target)
         misses += seen.rms**2 + (WHOLE * (seen.mean_got - seen.mean_asked)) ** 2
     return sum(each.severity == "error" for each in found), misses
@@ -194,6 +246,9 @@ def _trimmed(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
     faint = abs(result.volume / plan.volume - 1) < FAINT
     return trimmed if faint and low <= widths.min() and widths.max() <= high else plan
 
+
+SHIFTS = (0.0, 0.0), (0.5, 0.5)
+"""Windows are looked at where they are, and shifted by half."""
 
 FAINT = 0.01
 """Largest share by which sections change where the road width is given."""

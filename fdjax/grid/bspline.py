@@ -4,21 +4,36 @@
 continuously differentiable in the place.
 """
 
-from functools import cache
+from functools import cache, partial
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 
-def _weights(t: Float[Array, "..."], count: int) -> tuple[Array, Float[Array, "... 4"]]:
-    """First coefficient that acts at `t` in [0, 1], and the four weights from there on."""
+def _weights(
+    t: Float[Array, "..."], count: int, order: int = 0
+) -> tuple[Array, Float[Array, "... 4"]]:
+    """First coefficient that acts at `t` in [0, 1], and the four weights from there on.
+
+    `order`: those of a derivative.
+    """
     scaled = t * (count - 3)
     first = jnp.clip(jnp.floor(scaled).astype(int), 0, count - 4)
     f = scaled - first
     g = 1 - f
-    weights = [g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]
-    return first, jnp.stack(weights, -1) / 6
+    if order == 0:
+        weights = [g**3, 4 - 6 * f**2 + 3 * f**3, 4 - 6 * g**2 + 3 * g**3, f**3]
+    elif order == 1:
+        weights = [-3 * g**2, 9 * f**2 - 12 * f, 12 * g - 9 * g**2, 3 * f**2]
+    elif order == 2:
+        weights = [6 * g, 18 * f - 12, 18 * g - 12, 6 * f]
+    else:
+        sixes = [jnp.full_like(f, size) for size in (-6.0, 18.0, -18.0, 6.0)]
+        weights = sixes if order == 3 else [jnp.zeros_like(f)] * 4
+    return first, jnp.stack(weights, -1) * ((count - 3) ** order / 6)
 
 
 def field(
@@ -33,13 +48,66 @@ def field(
         along_xi = dense(xi[:, 0], coefficients.shape[0])
         along_eta = dense(eta[0], coefficients.shape[1])
         return jnp.einsum("ik,kl...,jl->ij...", along_xi, coefficients, along_eta)
-    xi, eta = jnp.broadcast_arrays(xi, eta)
-    i, wi = _weights(xi, coefficients.shape[0])
-    j, wj = _weights(eta, coefficients.shape[1])
+    return _scattered((0, 0), coefficients, *jnp.broadcast_arrays(xi, eta))
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _scattered(
+    orders: tuple[int, int], coefficients: Array, xi: Float[Array, "..."], eta: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """A derivative of the spline at places one by one, by how often along xi and along eta."""
+    i, wi = _weights(xi, coefficients.shape[0], orders[0])
+    j, wj = _weights(eta, coefficients.shape[1], orders[1])
     rows, columns = i[..., None, None] + np.arange(4)[:, None], j[..., None, None] + np.arange(4)
     weights = wi[..., :, None] * wj[..., None, :]
     weights = weights.reshape(weights.shape + (1,) * (coefficients.ndim - 2))
     return (coefficients[rows, columns] * weights).sum((xi.ndim, xi.ndim + 1))
+
+
+@partial(_scattered.defjvp, symbolic_zeros=True)
+def _scattered_jvp(orders: tuple[int, int], primals: tuple, tangents: tuple) -> tuple:
+    # The slopes are worked out once, however many tangents there are.
+    _, xi, eta = primals
+    change, *moves = tangents
+    value = _scattered(orders, *primals)
+    result = jnp.zeros_like(value)
+    if not isinstance(change, SymbolicZero):
+        result = result + _scattered(orders, change, xi, eta)
+    for axis, move in enumerate(moves):
+        if not isinstance(move, SymbolicZero):
+            steeper = orders[0] + (axis == 0), orders[1] + (axis == 1)
+            slope = _scattered(steeper, *primals)
+            result = result + slope * move.reshape(move.shape + (1,) * (slope.ndim - move.ndim))
+    return value, result
+
+
+def curve(coefficients: Float[Array, "K ..."], t: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The spline at the places `t` in [0, 1]; axes of the coefficients beyond the first last."""
+    return _along(0, coefficients, t)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def _along(
+    order: int, coefficients: Float[Array, "K ..."], t: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """A derivative of the spline: the value where `order` is 0."""
+    first, weights = _weights(t, coefficients.shape[0], order)
+    weights = weights.reshape(weights.shape + (1,) * (coefficients.ndim - 1))
+    return (coefficients[first[..., None] + np.arange(4)] * weights).sum(t.ndim)
+
+
+@partial(_along.defjvp, symbolic_zeros=True)
+def _along_jvp(order: int, primals: tuple, tangents: tuple) -> tuple:
+    _, t = primals
+    change, move = tangents
+    value = _along(order, *primals)
+    result = jnp.zeros_like(value)
+    if not isinstance(change, SymbolicZero):
+        result = result + _along(order, change, t)
+    if not isinstance(move, SymbolicZero):
+        slope = _along(order + 1, *primals)
+        result = result + slope * move.reshape(move.shape + (1,) * (slope.ndim - move.ndim))
+    return value, result
 
 
 def dense(t: Float[Array, " n"], count: int) -> Float[Array, "n K"]:

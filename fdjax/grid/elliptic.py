@@ -190,16 +190,19 @@ class NodeMap(AbstractGridMap):
         r = bspline.field(self.coefficients, xi, eta)
         ni, nj = (count - 2 for count in self.coefficients.shape[:2])
         sides, spacings = self.sides, self.spacings
-        # One value, not one a point: on a lattice a side is then one row.
-        zero, one = jnp.zeros((1,) * eta.ndim), jnp.ones((1,) * eta.ndim)
-        for curve, spacing, t, place, steps in (
-            (sides.bottom, spacings.bottom, xi, (xi, zero), eta * (nj - 1)),
-            (sides.top, spacings.top, xi, (xi, one), (1 - eta) * (nj - 1)),
-            (sides.left, spacings.left, eta, (zero, eta), xi * (ni - 1)),
-            (sides.right, spacings.right, eta, (one, eta), (1 - xi) * (ni - 1)),
+        along_xi, along_eta = (
+            bspline.basis(np.array([0.0, 1.0]), count) for count in self.coefficients.shape[:2]
+        )
+        left, right = jnp.einsum("sk,klc->slc", along_xi, self.coefficients)
+        bottom, top = jnp.einsum("sl,klc->skc", along_eta, self.coefficients)
+        for curve, spacing, t, wall, steps in (
+            (sides.bottom, spacings.bottom, xi, bottom, eta * (nj - 1)),
+            (sides.top, spacings.top, xi, top, (1 - eta) * (nj - 1)),
+            (sides.left, spacings.left, eta, left, xi * (ni - 1)),
+            (sides.right, spacings.right, eta, right, (1 - xi) * (ni - 1)),
         ):
             if curve.corners and len(curve.breaks) > 2:
-                defect = curve(spacing(t)) - bspline.field(self.coefficients, *place)
+                defect = curve(spacing(t)) - bspline.curve(wall, t)
                 fade = jnp.maximum(1 - steps / 2, 0.0) ** 3
                 r = r + fade[..., None] * defect
         return r

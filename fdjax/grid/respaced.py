@@ -4,10 +4,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from fdjax.grid import bspline
-from fdjax.grid.base import AbstractGridMap
+from fdjax.grid.base import AbstractGridMap, Tangents
 from fdjax.grid.spacing import AbstractSpacing, UniformSpacing
 
 _MEAN = 64
@@ -23,6 +23,8 @@ class SpacingField(eqx.Module):
     - `closed_along`: t runs around a ring, and so may s: of each s_k the mean of `s_k(t) - t` is
       taken off, so that no place of the ring is held, and s goes on beyond [0, 1].
     - `closed_across`: the other axis does.
+    - `turned`, `begin`, `end`: the field as one block of several has it: t runs backwards, and the
+      other axis from `begin` to `end` of the field's own.
 
     Differentiable in the spacings and in both places.
     """
@@ -30,9 +32,17 @@ class SpacingField(eqx.Module):
     rows: AbstractSpacing
     closed_along: bool = eqx.field(static=True, default=False)
     closed_across: bool = eqx.field(static=True, default=False)
+    turned: Bool[Array, ""] | bool = False
+    begin: Float[Array, ""] | float = 0.0
+    end: Float[Array, ""] | float = 1.0
 
     def __call__(self, t: Float[Array, "..."], across: Float[Array, "..."]) -> Float[Array, "..."]:
         """s at t and at places `across`, which broadcast against each other."""
+        across = self.begin + (self.end - self.begin) * across
+        found = self._field(jnp.where(self.turned, 1 - t, t), across)
+        return jnp.where(self.turned, 1 - found, found)
+
+    def _field(self, t: Float[Array, "..."], across: Float[Array, "..."]) -> Float[Array, "..."]:
         count = len(jax.tree.leaves(self.rows)[0])
         values = self._values(t)
         if count == 1:
@@ -75,6 +85,48 @@ class Respaced(AbstractGridMap):
     closed: bool = eqx.field(static=True, default=False)
 
     def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
+        return self.base(*self._places(xi, eta))
+
+    def with_tangents(
+        self, xi: Float[Array, "..."], eta: Float[Array, "..."]
+    ) -> tuple[Float[Array, "... 2"], Tangents]:
+        places = self._places(xi, eta)
+        _, by_xi = jax.jvp(lambda t: self._places(t, eta), (xi,), (jnp.ones_like(xi),))
+        _, by_eta = jax.jvp(lambda t: self._places(xi, t), (eta,), (jnp.ones_like(eta),))
+        xy, along = _with_tangents(self.base, *places)
+
+        def chained(by: tuple[Array, Array]) -> Float[Array, "... 2"]:
+            return along.xi * by[0][..., None] + along.eta * by[1][..., None]
+
+        return xy, Tangents(chained(by_xi), chained(by_eta))
+
+    def _places(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> tuple[Array, Array]:
+        """Of the base map."""
         u = self.u(xi, eta) if isinstance(self.u, SpacingField) else self.u(xi)
         v = self.v(eta, xi) if isinstance(self.v, SpacingField) else self.v(eta)
-        return self.base(u, v - jnp.floor(v) if self.closed else v)
+        return u, v - jnp.floor(v) if self.closed else v
+
+
+@eqx.filter_custom_jvp
+def _with_tangents(base: AbstractGridMap, u: Array, v: Array) -> tuple[Array, Tangents]:
+    """What the map gives at places of its own, which may move.
+
+    Its slopes there are worked out once, however many controls move the places.
+    """
+    return base.with_tangents(u, v)
+
+
+@_with_tangents.def_jvp
+def _(primals: tuple, tangents: tuple) -> tuple:
+    base, u, v = primals
+    change, *moves = tangents
+    result = _with_tangents(base, u, v)
+    total = jax.tree.map(jnp.zeros_like, result)
+    if jax.tree.leaves(change):
+        _, total = eqx.filter_jvp(lambda base: base.with_tangents(u, v), (base,), (change,))
+    ways = (lambda t: base.with_tangents(t, v)), (lambda t: base.with_tangents(u, t))
+    for way, place, move in zip(ways, (u, v), moves, strict=True):
+        if move is not None:
+            _, slope = jax.jvp(way, (place,), (jnp.ones_like(place),))
+            total = jax.tree.map(lambda sum, by: sum + by * move[..., None], total, slope)  # noqa: B023
+    return result, total

@@ -85,7 +85,7 @@ def necks(polygon: Polygon, width: float) -> Iterator[Neck]:
     points = shapely.points(points)
     shapely.prepare(opened)
     deep = ~shapely.dwithin(opened, points, width)
-    for number in np.unique([*np.flatnonzero(between), *piece[deep]]):
+    for number in np.unique([*np.flatnonzero(between), *piece[deep]]).tolist():
         if between[number]:
             yield _narrowest(walls[wall[own == number]])
         else:

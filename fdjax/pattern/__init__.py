@@ -11,8 +11,10 @@ PATTERNS = {
     "texture": "textures:Textures",
     "curve": "curves:Curves",
     "grid-lines": "map_lines:MapLines",
+    "blocks": "block_lines:Multiblock",
     "mesh": "mesh:Mesh",
     "rasters": "rasters:Rasters",
+    "auto": "auto:Auto",
 }
 """Each kind of pattern: the file here and the settings in it. A new one is a line here."""
 

@@ -62,6 +62,9 @@ class Realised(NamedTuple):
     lattice: Lattice
 
 
+_Shape = tuple[AbstractGridMap, AbstractWidth]
+
+
 class GridLines(AbstractPattern):
     """Both families of a grid map's lines, laid by `road.stacking`.
 
@@ -78,7 +81,8 @@ class GridLines(AbstractPattern):
     - `counts_fixed`: whether the number of lines was given, and stays.
     - `skew_limit`: largest |cos| of the angle between the families, one or for each of the samples.
     - `kind`: a key of `MAPS`; `nodes`, `solver`: of the elliptic map.
-    - `base`: the map that lines are spaced on, where it does not follow from `sides`.
+    - `base`: the map that lines are spaced on, where it does not follow from `sides` or stays as
+      it is; `base_made`: whether it could be made.
     - `apart`: on a disc, where `left` is but a point at which eta lines would meet, every second
       one ends where they come nearer than this, mm; else None.
     - `spiral`: whether a closed map's xi lines are one spiral on each layer.
@@ -106,6 +110,7 @@ class GridLines(AbstractPattern):
     nodes: tuple[int, int] = eqx.field(static=True, default=(41, 41))
     solver: AbstractSolver = eqx.field(static=True, default=Newton())
     base: AbstractGridMap | None = None
+    base_made: Bool[Array, ""] | bool = True
     apart: float | None = None
     spiral: bool = eqx.field(static=True, default=False)
 
@@ -134,10 +139,12 @@ class GridLines(AbstractPattern):
 
     def realise(self, controls: Controls) -> Realised:
         """The map and the road width that these controls give."""
-        return self.over(*MAPS[self.kind](self, controls), controls)
+        grid, made, width = self.shape(controls)
+        return Realised(grid, width, made, Lattice.of(grid, self.samples))
 
-    def over(self, grid: AbstractGridMap, made: Bool[Array, ""], controls: Controls) -> Realised:
-        """The pattern over a map that these controls gave."""
+    def shape(self, controls: Controls) -> tuple[AbstractGridMap, Bool[Array, ""], AbstractWidth]:
+        """The map that these controls give, whether it could be made, and the road width."""
+        grid, made = MAPS[self.kind](self, controls)
         low, high = self.width_range
         if controls.width is None:
             width = UniformWidth(self.width)
@@ -146,7 +153,7 @@ class GridLines(AbstractPattern):
         else:
             values = bspline.closed(controls.width, 1) if self.closed else controls.width
             width = SplineWidth(values, low, high)
-        return Realised(grid, width, made, Lattice.of(grid, self.samples))
+        return grid, made, width
 
     def deposit(self, realised: Realised) -> Points:
         width = realised.width
@@ -238,19 +245,21 @@ class GridLines(AbstractPattern):
             jnp.asarray(Scan(family).places(int(comb)))
             for family, comb in zip(FAMILIES, self.comb, strict=True)
         )
-        traced = _trace(self, controls, xi, eta, points)
+        shape = _shape(self, controls)
+        edge = _margins(*shape, points, closed=self.closed)
+        traced = _traced(*shape, edge, (xi, eta))
         starts = np.zeros(len(eta), int)
         if self.apart is not None:
-            starts = self._starts(np.asarray(_spacing(self, controls, eta, points)))
+            starts = self._starts(np.asarray(_spacing(self, shape[0], eta, points)))
         made: dict[Scan, Lines] = {}
         for layer in self.stacking.scans:
             for scan in layer:
                 if scan not in made:
-                    xy, width = map(np.asarray, traced[FAMILIES.index(scan.family)])
+                    xy, width = traced[FAMILIES.index(scan.family)]
                     part = slice(scan.phase, None, scan.phases)
                     level, xy, width = np.arange(len(xy[part])), xy[part], width[part]
                     if self.closed and scan.family == "xi":
-                        xy, width = self._around(controls, scan, xy, width)
+                        xy, width = self._around(shape, edge, scan, xy, width)
                     elif self.closed:
                         level = self._levels(scan, len(level))
                     begin = starts[part] if scan.family == "eta" else np.zeros(len(xy), int)
@@ -279,14 +288,14 @@ class GridLines(AbstractPattern):
         return np.minimum(starts, spacing.shape[1] - 2)
 
     def _around(
-        self, controls: Controls, scan: Scan, xy: np.ndarray, width: np.ndarray
+        self, shape: _Shape, edge: Margins, scan: Scan, xy: np.ndarray, width: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """A layer's closed lines, or its spiral: they begin elsewhere on each layer."""
         pieces = width.shape[1]
         turn = scan.phase * pieces // scan.phases
         if self.spiral:
             count = int(float(self.comb[0]) / scan.phases * pieces)
-            xy, width = map(np.asarray, _spiral(self, controls, turn, pieces + 1, count))
+            xy, width = map(np.asarray, _spiral(*shape, edge, turn, pieces + 1, count))
             return xy[None], width[None]
         xy = np.roll(xy[:, :-1], -turn, axis=1)
         return np.concatenate([xy, xy[:, :1]], 1), np.roll(width, -turn, axis=1)
@@ -323,7 +332,7 @@ class GridLines(AbstractPattern):
 
     def pictures(self, controls: Controls) -> dict[str, tuple[Panel, ...]]:
         """P and Q of functions that count a layer's lines; at walls as at the nearest nodes."""
-        xy = _nodes(self, controls)
+        xy = _nodes(_shape(self, controls)[0])
         panels = [
             Panel(name, xy[..., 0], xy[..., 1], jnp.pad(lines * values, 1, mode="edge"))
             for name, lines, values in zip(
@@ -335,7 +344,7 @@ class GridLines(AbstractPattern):
     def facts(self, controls: Controls) -> dict[str, Any]:
         """Lines of a layer, phases, and the quality of the map's grid of nodes."""
         xi, eta = (int(n) / self.stacking.phases for n in self.comb)
-        measures = quality(np.asarray(_nodes(self, controls)))
+        measures = quality(np.asarray(_nodes(_shape(self, controls)[0])))
         return {
             "kind": "grid-lines",
             "map": self.kind,
@@ -372,49 +381,73 @@ def _volume(pattern: GridLines) -> Array:
 
 
 @eqx.filter_jit
-def _nodes(pattern: GridLines, controls: Controls) -> Array:
-    places = jnp.linspace(0, 1, QUALITY_NODES)
-    return pattern.realise(controls).grid(places[:, None], places[None])
+def _shape(pattern: GridLines, controls: Controls) -> _Shape:
+    grid, _, width = pattern.shape(controls)
+    return grid, width
 
 
 @eqx.filter_jit
-def _trace(
-    pattern: GridLines, controls: Controls, xi: Array, eta: Array, points: int
-) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Points of the lines at these xi and at these eta, from wall to wall, and their widths.
+def _nodes(grid: AbstractGridMap) -> Array:
+    places = jnp.linspace(0, 1, QUALITY_NODES)
+    return grid(places[:, None], places[None])
 
-    Off the two walls that a family runs along, lines keep half of the widest road.
-    """
-    grid, width, _, _ = pattern.realise(controls)
-    run = jnp.linspace(0, 1, points)
-    _, along = tangents(grid, run[:, None], run[None])
-    edge = Margins.of(along, porosity.widest(width) / 2, closed=pattern.closed)
 
-    def traced(xi: Array, eta: Array) -> tuple[Array, Array]:
-        middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
-        return grid(xi, eta), width(middle_xi, middle_eta)
+@eqx.filter_jit
+def _margins(grid: AbstractGridMap, width: AbstractWidth, points: int, *, closed: bool) -> Margins:
+    """Off the walls that a family runs along, lines keep half of the widest road."""
+    run, ends = jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
+    _, xi_walls = tangents(grid, ends[:, None], run[None])
+    _, eta_walls = tangents(grid, run[:, None], ends[None])
+    return Margins.of(xi_walls, eta_walls, porosity.widest(width) / 2, closed=closed)
 
-    of_xi = xi[:, None] + edge.shift_xi(xi)
-    of_eta = eta[:, None] + edge.shift_eta(eta).T
-    return (
-        traced(of_xi, jnp.broadcast_to(run, of_xi.shape)),
-        traced(jnp.broadcast_to(run, of_eta.shape), of_eta),
+
+_BATCH = 32
+"""Lines are traced in batches of so many, so that another count is no other program."""
+
+
+def _traced(
+    grid: AbstractGridMap, width: AbstractWidth, edge: Margins, combs: tuple[Array, Array]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of both families, points of the lines from wall to wall, and their widths."""
+    run = jnp.linspace(0, 1, len(edge.left))
+    of_xi = combs[0][:, None] + edge.shift_xi(combs[0])
+    of_eta = combs[1][:, None] + edge.shift_eta(combs[1]).T
+    more = -(len(of_xi) + len(of_eta)) % _BATCH
+    xi, eta = (
+        np.concatenate([*lines, np.zeros((more, len(run)))]).reshape(-1, _BATCH, len(run))
+        for lines in (
+            (of_xi, np.broadcast_to(run, of_eta.shape)),
+            (np.broadcast_to(run, of_xi.shape), of_eta),
+        )
     )
+    traced = [_batch(grid, width, *lines) for lines in zip(xi, eta, strict=True)]
+    xy, widths = map(np.concatenate, zip(*traced, strict=True))
+    families = slice(len(of_xi)), slice(len(of_xi), len(of_xi) + len(of_eta))
+    return [(xy[each], widths[each]) for each in families]
+
+
+@eqx.filter_jit
+def _batch(grid: AbstractGridMap, width: AbstractWidth, xi: Any, eta: Any) -> tuple[Array, Array]:
+    """Points of lines, and the widths between them."""
+    middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
+    return grid(xi, eta), width(middle_xi, middle_eta)
 
 
 @eqx.filter_jit
 def _spiral(
-    pattern: GridLines, controls: Controls, turn: int, points: int, count: int
+    grid: AbstractGridMap,
+    width: AbstractWidth,
+    edge: Margins,
+    turn: int,
+    points: int,
+    count: int,
 ) -> tuple[Array, Array]:
     """Points and widths of `xi = k / count`, k from 0 to `count`, `points` - 1 to a turn.
 
     `turn`: of these, where it begins. As many turns as lines on a layer; the phases differ in where
     it begins, so that together they lie as the closed lines do.
     """
-    grid, width, _, _ = pattern.realise(controls)
     run = jnp.linspace(0, 1, points)
-    _, along = tangents(grid, run[:, None], run[None])
-    edge = Margins.of(along, porosity.widest(width) / 2, closed=True)
     at = (jnp.arange(count + 1) + turn) % (points - 1)
     xi = jnp.arange(count + 1) / count
     xi = xi + edge.left[at] - xi * (edge.left[at] + edge.right[at])
@@ -422,9 +455,8 @@ def _spiral(
 
 
 @eqx.filter_jit
-def _spacing(pattern: GridLines, controls: Controls, eta: Array, points: int) -> Array:
+def _spacing(pattern: GridLines, grid: AbstractGridMap, eta: Array, points: int) -> Array:
     """Of a layer's eta lines, as shares of `apart`, at the points traced of each."""
-    grid = pattern.realise(controls).grid
     run = jnp.linspace(0, 1, points)
     _, along = tangents(grid, run[:, None], eta[None])
     spacing = along.jacobian / (pattern.lines_per_layer[1] * norm(along.xi))

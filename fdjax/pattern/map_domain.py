@@ -55,7 +55,7 @@ class Domain:
 
 def domain_of(kind: str, part: Part, target: Target, road_width: float) -> Domain:
     """What a map of this kind is of. Raises `InputError` for a part that it cannot be of."""
-    polygon = _polygon_of(part, target)
+    polygon = polygon_of(part, target, "lines of a map need four sides on all layers")
     if kind == "conformal":
         return _conformal(part.patch or from_polygon(polygon))
     if kind not in CLOSED:
@@ -67,9 +67,9 @@ def domain_of(kind: str, part: Part, target: Target, road_width: float) -> Domai
     return Domain(_sides_of(annulus), Polygon(polygon.exterior), closed=True)
 
 
-def _polygon_of(part: Part, target: Target) -> Polygon:
-    """The part's one region."""
-    need = 'lines of a map need four sides on all layers; use pattern kind "isolines"'
+def polygon_of(part: Part, target: Target, what: str) -> Polygon:
+    """The part's one region; `what` says in an error what needs it."""
+    need = f'{what}; use pattern kind "isolines"'
     if target.varies_in_z:
         raise InputError(f"target: varies along z; {need}")
     heights = {slab.height for slab in part.slabs}

@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -20,7 +21,7 @@ from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_widt
 from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
 from fdjax.pattern.map_domain import Domain, domain_of
-from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS
+from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS, solved_once
 from fdjax.pattern.width import free_of
 from fdjax.road.bead import section_area
 from fdjax.road.holes import Holes
@@ -245,6 +246,7 @@ class MapLines(AbstractSettings):
             apart=apart,
             spiral=self.spiral,
         )
+        pattern = solved_once(pattern)
         # No more skewed than the grid that the outline itself gives.
         skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
         return eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
@@ -275,7 +277,7 @@ class MapLines(AbstractSettings):
         on_axes = self.map in ALONG_AXES
         on_sides = "spacing" in controls and not on_axes
         in_field = "spacing_field" in controls or ("spacing" in controls and on_axes)
-        return Controls(
+        first = Controls(
             spacing=jnp.stack([along_xi, along_eta] * 2) if on_sides else None,
             crowding=self._crowding(start, domain, window) if in_field else None,
             stretching=self._free_stretching() if "stretching" in controls else None,
@@ -283,6 +285,8 @@ class MapLines(AbstractSettings):
             psi=jnp.zeros(self.field_knots) if "psi" in controls else None,
             width=next(iter(wanted.values()), None),
         )
+        # Of one type from the start, so that what an optimiser returns does not compile anew.
+        return jax.tree.map(lambda values: jnp.asarray(values, jnp.float64), first)
 
     def _free_stretching(self) -> Any:
         each = zip(self.stretching, self.strengths, strict=True)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
@@ -15,6 +16,7 @@ from fdjax.grid.algebraic import Cartesian, Spacings, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.elliptic import Elliptic
 from fdjax.grid.respaced import Respaced, SpacingField
+from fdjax.grid.solvers import Report
 from fdjax.grid.spacing import (
     AbstractSpacing,
     DensitySpacing,
@@ -120,6 +122,8 @@ def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
 
 
 def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
+    if pattern.base is not None:
+        return _of_base(pattern, controls)
     grid, report = elliptic(pattern, controls).map()
     return _respaced(pattern, controls, grid), report.converged & ~report.folded
 
@@ -146,7 +150,7 @@ def _transfinite(pattern: GridLines, controls: Controls) -> _Map:
 
 def _of_base(pattern: GridLines, controls: Controls) -> _Map:
     assert pattern.base is not None
-    return _respaced(pattern, controls, pattern.base), _MADE
+    return _respaced(pattern, controls, pattern.base), jnp.asarray(pattern.base_made)
 
 
 def _o_transfinite(pattern: GridLines, controls: Controls) -> _Map:
@@ -169,6 +173,25 @@ MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
 
 NEED_BASE = ("polar", "conformal")
 """Those that are given, and do not follow from four sides."""
+
+
+def solved_once(pattern: GridLines) -> GridLines:
+    """The pattern with its elliptic map solved for good, where no control moves its nodes."""
+    first = pattern.first
+    moved = (first.phi, first.psi, first.spacing)
+    if MAPS[pattern.kind] is not _elliptic or any(each is not None for each in moved):
+        return pattern
+    base, report = _solved(pattern)
+    made = report.converged & ~report.folded
+    return eqx.tree_at(
+        lambda p: (p.base, p.base_made), pattern, (base, made), is_leaf=lambda leaf: leaf is None
+    )
+
+
+@eqx.filter_jit
+def _solved(pattern: GridLines) -> tuple[AbstractGridMap, Report]:
+    return elliptic(pattern, pattern.first).map()
+
 
 CLOSED = ("polar", "o-transfinite", "o-elliptic")
 """Those that are rings along eta: lines of constant xi are closed, and go around a hole."""

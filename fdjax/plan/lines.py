@@ -66,7 +66,11 @@ def lay_lines(
     arrays, widths = _checked(lines)
     if not arrays:
         return Laid()
-    walls = Room.of(room).walls(max(float(width.max()) for width in widths), lines.press)
+    walls = (
+        Room.of(room)
+        .parted(lines.cuts)
+        .walls(max(float(width.max()) for width in widths), lines.press)
+    )
     arrays, widths = simplify_paths(arrays, widths, tolerance=tolerance / 2)
     cut = cut_lines(arrays, widths, walls)
     if not cut:

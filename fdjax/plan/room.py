@@ -1,7 +1,9 @@
 """Rooms: what a layer's beads may fill, and the walls that centre lines keep to in it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import shapely
@@ -13,6 +15,10 @@ from fdjax.part.region import Region
 from fdjax.plan.wall import Wall, free_region, rings
 
 Floats = NDArray[np.float64]
+
+
+SLIT = 1e-3
+"""Width of a cut within a room, mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +101,9 @@ class Room:
     geometry: Polygon | MultiPolygon
     tolerance: float = 0.0
     _made: dict[tuple[float, float], Walls] = field(default_factory=dict, repr=False)
+    _parted: dict[tuple[int, ...], tuple["Room", tuple[Floats, ...]]] = field(
+        default_factory=dict, repr=False
+    )
 
     @classmethod
     def of(cls, source: object, *, clearance: float = 0.0, tolerance: float = 0.0) -> "Room":
@@ -111,6 +120,19 @@ class Room:
         if room.is_empty:
             raise InputError(f"outline: nothing is left when shrunk by {clearance:g} mm")
         return cls(room, tolerance)
+
+    def parted(self, cuts: Sequence[Floats]) -> "Room":
+        """The room with walls along these polylines, (points, 2), mm, besides its own."""
+        if not len(cuts):
+            return self
+        key = tuple(id(cut) for cut in cuts)
+        if key not in self._parted:
+            lines = shapely.line_merge(shapely.union_all([shapely.LineString(c) for c in cuts]))
+            slit = shapely.buffer(lines, SLIT / 2, cap_style="flat", join_style="mitre")
+            # The cuts are kept, so that their identities stay theirs.
+            parted: Any = self.geometry.difference(slit)
+            self._parted[key] = Room(parted, self.tolerance), tuple(cuts)
+        return self._parted[key][0]
 
     def walls(self, road_width: float, press: float = 0.0) -> Walls:
         """The walls for roads up to this width, mm. Raises `InputError` where none fits."""

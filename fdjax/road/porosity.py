@@ -108,17 +108,26 @@ class Margins(NamedTuple):
 
     @classmethod
     def of(
-        cls, walls: Tangents, clearance: Float[Array, ""] | float, *, closed: bool = False
+        cls,
+        across: Tangents,
+        beside: Tangents,
+        clearance: Float[Array, ""] | float,
+        *,
+        closed: bool = False,
     ) -> "Margins":
-        """From the tangents on a lattice (n, m) whose outer lines are the walls.
+        """From the tangents on two lattices.
+
+        The first and last rows of one, (n, m), are the walls of constant xi, and the first and last
+        columns of the other, (p, q), those of constant eta.
 
         To first order: clearance times |r_eta| / J at the walls of constant xi, |r_xi| / J at the
         others, so that distances are taken square to the wall. `closed`: the others are none, but
         the cut of a ring.
         """
-        xi = clearance * norm(walls.eta[jnp.array([0, -1])]) / walls.jacobian[jnp.array([0, -1])]
-        eta = clearance * norm(walls.xi[:, jnp.array([0, -1])])
-        eta = jnp.zeros_like(eta) if closed else eta / walls.jacobian[:, jnp.array([0, -1])]
+        ends = jnp.array([0, -1])
+        xi = clearance * norm(across.eta[ends]) / across.jacobian[ends]
+        eta = clearance * norm(beside.xi[:, ends])
+        eta = jnp.zeros_like(eta) if closed else eta / beside.jacobian[:, ends]
         return cls(xi[0], xi[1], eta[:, 0], eta[:, 1])
 
     def shift_xi(self, u: Float[Array, " n"]) -> Float[Array, "n m"]:
@@ -156,7 +165,7 @@ def line_deposit(
     the integers.
     """
     xi, eta, along = lattice.xi, lattice.eta, lattice.along
-    edge = Margins.of(along, widest(width) / 2, closed=closed)
+    edge = Margins.of(along, along, widest(width) / 2, closed=closed)
     shift_xi, shift_eta = edge.shift_xi(xi.places), edge.shift_eta(eta.places)
     xy = lattice.xy + along.xi * shift_xi[..., None] + along.eta * shift_eta[..., None]
     area = section_area(width(xi.places[:, None] + shift_xi, eta.places + shift_eta), height)

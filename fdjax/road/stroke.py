@@ -31,6 +31,8 @@ class Lines:
     - `material`: number of the material or tool.
     - `press`: a line beyond the walls by less than this share of the road width is pressed back,
       for lines that run along a wall but for rounding.
+    - `cuts`: polylines within the layer that lines do not cross, shapes (points, 2), mm: they end
+      there and are joined along it as along walls.
     """
 
     family: str
@@ -40,6 +42,7 @@ class Lines:
     width: Sequence[Floats]
     material: int = 0
     press: float = 0.02
+    cuts: Sequence[Floats] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -72,3 +72,37 @@ def test_the_second_derivative_is_continuous_across_a_knot():
     bend = quick_jit(jax.vmap(jax.grad(jax.grad(along))))
     below, at, above = bend(np.array([0.5 - 1e-9, 0.5, 0.5 + 1e-9]))
     np.testing.assert_allclose([below, above], at, atol=1e-4)
+
+
+def test_slopes_at_places_one_by_one_are_those_of_the_lattice():
+    rng = np.random.default_rng(5)
+    coefficients, change = jnp.asarray(rng.normal(size=(2, 6, 7)))
+    xi, eta = (jnp.asarray(each) for each in rng.uniform(size=(2, 1)))
+
+    def single(coefficients, xi, eta):
+        return bspline.field(coefficients, xi, eta)[0]
+
+    def product(coefficients, xi, eta):
+        along = bspline.dense(xi, 6)[0], bspline.dense(eta, 7)[0]
+        return along[0] @ coefficients @ along[1]
+
+    for slope in (jax.grad, jax.jacfwd):
+        got, expected = (slope(of, 1)(coefficients, xi, eta) for of in (single, product))
+        np.testing.assert_allclose(got, expected, rtol=1e-12)
+    second, other = (
+        jax.jit(jax.jacfwd(jax.grad(of, 1), 2))(coefficients, xi, eta) for of in (single, product)
+    )
+    np.testing.assert_allclose(second, other, rtol=1e-11)
+    moved = jax.jvp(lambda c: single(c, xi, eta), (coefficients,), (change,))[1]
+    np.testing.assert_allclose(moved, product(change, xi, eta), rtol=1e-12)
+
+
+def test_a_curve_is_the_basis_times_its_coefficients():
+    rng = np.random.default_rng(6)
+    coefficients, t = jnp.asarray(rng.normal(size=(7, 2))), jnp.asarray(rng.uniform(size=9))
+    expected = bspline.basis(np.asarray(t), 7) @ np.asarray(coefficients)
+    np.testing.assert_allclose(bspline.curve(coefficients, t), expected, atol=1e-13)
+    _, slope = jax.jvp(lambda t: bspline.curve(coefficients, t), (t,), (jnp.ones(9),))
+    h = 1e-6
+    near = [bspline.curve(coefficients, t + s) for s in (h, -h)]
+    np.testing.assert_allclose(slope, (near[0] - near[1]) / (2 * h), rtol=1e-6, atol=1e-6)

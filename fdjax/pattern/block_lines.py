@@ -1,0 +1,249 @@
+"""Lines of several blocks that share sides: what a user says of them, and how they begin."""
+# ruff: noqa: RUF009 - `key` gives a dataclass field
+
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from fdjax.errors import InputError
+from fdjax.grid.base import norm
+from fdjax.keys import Kind, Place, choices, key, pair, points, show, whole
+from fdjax.limits import Limits
+from fdjax.part import curve
+from fdjax.part.blocking import blocks_of
+from fdjax.part.blocks import Blocks
+from fdjax.part.part import Part
+from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
+from fdjax.pattern.block_pattern import (
+    BlockControls,
+    BlockLines,
+    Places,
+    Structure,
+    stacked_sides,
+)
+from fdjax.pattern.map_domain import polygon_of
+from fdjax.pattern.reach import check_reachable
+from fdjax.pattern.width import free_of
+from fdjax.road.bead import section_area
+from fdjax.road.porosity import Samples
+from fdjax.road.stacking import FAMILIES
+from fdjax.target.target import Target
+
+CORNERS = points(4, 4)
+SHAPES = {"polyline": points(2), "arc": points(3, 3), "spline": points(2)}
+MAKE = {"polyline": curve.polyline, "spline": curve.smooth, "arc": lambda xy: curve.arc(*xy)}
+
+
+def _blocks(value: Any, place: Place) -> Any:
+    if not isinstance(value, list) or not value:
+        raise place.error(f"{show(value)} must be a list of blocks, each of four corners")
+    return tuple(CORNERS.read(four, place.at(f"[{k}]")) for k, four in enumerate(value))
+
+
+def _curves(value: Any, place: Place) -> Any:
+    if not isinstance(value, list):
+        raise place.error(f"{show(value)} must be a list in [ ]")
+    found = []
+    for k, each in enumerate(value):
+        if not isinstance(each, dict) or len(each) != 1 or next(iter(each)) not in SHAPES:
+            raise place.at(f"[{k}]").error(
+                f"{show(each)} is no curve; write {{polyline = [[x, y], ...]}}, {{spline = ...}} "
+                "or {arc = [start, through, end]}"
+            )
+        (shape, xy), *_ = each.items()
+        found.append((shape, SHAPES[shape].read(xy, place.at(f"[{k}].{shape}"))))
+    return tuple(found)
+
+
+Corners = tuple[tuple[float, float], ...]
+
+BLOCKS = Kind("list of blocks, each of 4 corners `[x, y]`", _blocks)
+CURVES = Kind("list of `{polyline = points}`, `{spline = points}`, `{arc = 3 points}`", _curves)
+
+FIELD = (14, 7)
+"""Most coefficients of a band's spacing across it, and along it."""
+
+SQUARE = 0.2
+"""How much the first numbers of lines care for cells as wide as long, beside what is asked."""
+
+ROOM = 0.9
+"""Share of the lines that a band has room for, of which it begins with no more."""
+
+
+@dataclass(frozen=True)
+class Multiblock(AbstractSettings):
+    """Lines of blocks that share sides, each block with a transfinite map of its own.
+
+    For parts of one region. Lengths in mm; see the job's keys for what each value means.
+    """
+
+    blocks: Any = key(
+        BLOCKS, "corners of the blocks, mm", default=None, shown="found by themselves"
+    )
+    curves: Any = key(CURVES, "of sides within the part that are not straight, mm", default=[])
+    mode: str = mode_key()
+    phases: int = phases_key()
+    road_width: float = road_width_key()
+    field_knots: tuple[int, int] = key(
+        pair(whole(4, 64)), "spline coefficients of the road width along x and y", default=[8, 6],
+        table="design",
+    )  # fmt: skip
+    controls: tuple[str, ...] = key(
+        choices("spacing", "spacing_field", "width", "width_field", least=0),
+        "what the design may change; nothing with `[]`", default=["spacing_field"], table="design",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        for name in ("width", "spacing"):
+            if name in self.controls and f"{name}_field" in self.controls:
+                raise InputError(f"controls: {name} and {name}_field exclude each other")
+        if self.curves and self.blocks is None:
+            raise InputError("curves are for blocks that are named")
+
+    @property
+    def corrections(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Walls and cuts lay what the model knows in the mean only."""
+        return 2 if self.controls else 0
+
+    def begin(self, part: Part, target: Target, limits: Limits, window: float) -> BlockLines:
+        """Blocks, their bands, and numbers of lines as the target asks.
+
+        Raises `InputError` for a part of several regions, blocks that do not fit or are not found,
+        and a target that varies along z or is beyond what spacing and span allow.
+        """
+        polygon = polygon_of(part, target, "lines of blocks need one region on all layers")
+        if self.blocks is None:
+            blocks = blocks_of(polygon, self.road_width)
+        else:
+            given = [MAKE[shape](xy) for shape, xy in self.curves]
+            blocks = Blocks.of(polygon, self.blocks, given)
+        structure = Structure.of(blocks)
+        stacking = self.stacking(len(part.slabs))
+        longest = max(
+            float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
+            for side in blocks.sides.values()
+        )
+        count = int(np.clip(np.ceil(4 * longest / window), 16, 44))
+        low, high = np.reshape(polygon.bounds, (2, 2))
+        pattern = BlockLines(
+            sides=stacked_sides(blocks),
+            places=Places.of(blocks),
+            lines=jnp.ones(len(structure.bands)),
+            width=self.road_width,
+            width_range=limits.road_width,
+            height=part.slabs[0].height,
+            first=BlockControls(),
+            samples=Samples.between(_edges(count)),
+            box=jnp.asarray(np.stack([low, high])),
+            structure=structure,
+            stacking=stacking,
+        )
+        realised = _realised(pattern)
+        skew = np.maximum(0.9, 1.02 * np.asarray(realised.lattice.along.skew))
+        lines = _first_lines(pattern, realised, target, limits)
+        return eqx.tree_at(
+            lambda p: (p.lines, p.first, p.skew_limit),
+            pattern,
+            (
+                jnp.asarray(lines * stacking.phases),
+                self._first(structure, blocks, limits, window),
+                jnp.asarray(skew),
+            ),
+        )
+
+    def _first(
+        self, structure: Structure, blocks: Blocks, limits: Limits, window: float
+    ) -> BlockControls:
+        """The controls to start from: even spacing."""
+        if not self.controls:
+            return BlockControls()
+        free = free_of(self.road_width, *limits.road_width)
+        widths = {"width": jnp.asarray(free), "width_field": jnp.full(self.field_knots, free)}
+        width = next(
+            (jnp.asarray(widths[k], jnp.float64) for k in widths if k in self.controls), None
+        )
+        spacing = None
+        if {"spacing", "spacing_field"} & set(self.controls):
+            across, along = _sizes(structure, blocks)
+            knots, rows = (
+                int(np.clip(np.ceil(size / (0.75 * window)) + 3, 5, most))
+                for size, most in zip((across, along), FIELD, strict=True)
+            )
+            spacing = tuple(
+                jnp.zeros((
+                    1 if "spacing" in self.controls else rows - 3 * band.closed, knots
+                ))
+                for band in structure.bands
+            )  # fmt: skip
+        return BlockControls(spacing, jnp.zeros(len(structure.bands)), width)
+
+
+def _edges(count: int) -> Any:
+    """Edges of parts of [0, 1], half as long at its ends: lines are drawn out most along walls."""
+    even = np.linspace(0, 1, count + 1)
+    return (even + (1 - np.cos(np.pi * even)) / 2) / 2
+
+
+def _sizes(structure: Structure, blocks: Blocks) -> tuple[float, float]:
+    """Largest size of a band across it and along it, mm."""
+    across, along = [], []
+    for band in structure.bands:
+        sides = [(s.block, k) for s in band.stretches for k in ((0, 2), (3, 1))[s.axis]]
+        beside = [(s.block, k) for s in band.stretches for k in ((3, 1), (0, 2))[s.axis]]
+        lengths = [
+            [
+                float(np.hypot(*np.diff(blocks.side(*each).polyline(), axis=0).T).sum())
+                for each in some
+            ]
+            for some in (sides, beside)
+        ]
+        across.append(max(lengths[0]))
+        along.append(sum(lengths[1]) / 2)
+    return max(across), max(along)
+
+
+@eqx.filter_jit
+def _realised(pattern: BlockLines) -> Any:
+    return pattern.realise(pattern.first)
+
+
+def _first_lines(pattern: BlockLines, realised: Any, target: Target, limits: Limits) -> Any:
+    """Lines a layer of each band that come nearest to what is asked, place by place, (bands,).
+
+    No more than even spacing has room for where the band is narrowest.
+    """
+    (xi, eta, xy, along), inner = realised.lattice, (slice(None), slice(1, -1), slice(1, -1))
+    xy, jacobian = np.asarray(xy)[inner], np.maximum(np.asarray(along.jacobian)[inner], 1e-12)
+    solid = 1 - np.asarray(target(xy[..., 0], xy[..., 1]))
+    height, section = pattern.height, float(section_area(pattern.width, pattern.height))
+    shares = np.array([pattern.stacking.layer_share(family) for family in FAMILIES])
+    places = np.concatenate([xy.reshape(-1, 2), np.zeros((solid.size, 1))], 1)
+    check_reachable(
+        solid.ravel(), places, height=height, lengths=(shares.sum(), shares.sum()),
+        widths=(pattern.width, pattern.width), limits=limits,
+    )  # fmt: skip
+    # Centre line an area that one line of each family brings, and the area of each place.
+    brought = np.stack([
+        np.asarray(norm(tangent))[inner] / jacobian for tangent in (along.eta, along.xi)
+    ])  # fmt: skip
+    area = jacobian * np.asarray(xi.weights[1:-1, None] * eta.weights[1:-1])
+    weight = np.sqrt(area / area.sum()) / (solid.mean() * height / section)
+    least = limits.least_spacing or pattern.width
+    band, family = np.asarray(pattern.places.band), np.asarray(pattern.places.family)
+    count, blocks = len(pattern.lines), len(band)
+    met, alike = np.zeros((2, blocks, solid[0].size, count))
+    most = np.full(count, np.inf)
+    for block, k in np.ndindex(blocks, 2):
+        number, own = band[block, k], brought[k, block]
+        each = (weight[block] * shares[family[block, k]] * own).ravel()
+        met[block, :, number] += each
+        alike[block, :, number] += SQUARE * (1 - 2 * k) * each
+        most[number] = min(most[number], ROOM / (least * float(own.max())))
+    goal = (weight * solid * height / section).reshape(-1)
+    system = np.concatenate([each.reshape(-1, count) for each in (met, alike)])
+    most = np.maximum(most, 1.5)
+    return lsq_linear(system, np.append(goal, np.zeros_like(goal)), bounds=(1.0, most)).x

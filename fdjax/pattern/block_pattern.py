@@ -1,0 +1,483 @@
+"""Lines that run on from block to block, each block with a map of its own."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from fdjax.grid import bspline
+from fdjax.grid.algebraic import Transfinite
+from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
+from fdjax.grid.respaced import Respaced, SpacingField
+from fdjax.grid.spacing import DensitySpacing
+from fdjax.limits import Limits
+from fdjax.part.blocks import Band, Blocks, padded
+from fdjax.pattern.base import AbstractPattern, Penalties
+from fdjax.pattern.width import within
+from fdjax.road.bead import section_area
+from fdjax.road.deposit import Points
+from fdjax.road.patches import Families, patch_deposit
+from fdjax.road.porosity import Lattice, Margins, Samples
+from fdjax.road.stacking import FAMILIES, Scan, Stacking
+from fdjax.road.stroke import Lines
+
+Floats = np.ndarray
+
+PRESS = 0.25
+"""Lines beside a wall are pressed back on it from this share of a road's width beyond."""
+
+PATIENCE = 0.01
+"""Steps cost little beside compiling."""
+
+RAMP = 0.3
+"""Share of a block over which lines come back that keep off a wall of the block before."""
+
+FOLD_FLOOR = 0.02
+"""J over its block's mean below which design is pushed back from folding."""
+
+SPARSE = 3.0
+"""Lines lie no further apart than so many times their mean in a block: where a band is drawn out
+further than that, the places at which design looks are too few to see it."""
+
+APART = 1_000_003
+"""Levels of one band and of the next lie so far apart: lines of two bands are no neighbours."""
+
+
+class BlockControls(eqx.Module):
+    """The real numbers that shape the lines; None where the pattern's own value stays.
+
+    - `spacing`: of each band, log density of its lines across it, cubic B-splines, shape (R, K), at
+      R places along it; around a closed band these are periodic.
+    - `lines`: of each band, logarithm of its number of lines over that of the start, (bands,).
+    - `width`: road width as the free number of `width.within`, shape () or, as a spline over the
+      box around the part, (K, L).
+    """
+
+    spacing: tuple[Float[Array, "R K"], ...] | None = None
+    lines: Float[Array, " bands"] | None = None
+    width: Float[Array, "..."] | None = None
+
+
+class Places(eqx.Module):
+    """Where the lines of each block come from: arrays with an axis of blocks, then one of axes.
+
+    - `band`: number of the band whose lines are those of constant xi, and of constant eta, (m, 2).
+    - `turned`, `begin`, `end`: as of `SpacingField`, (m, 2).
+    - `family`: 0 or 1, (m, 2); `walls`: as of `Families`, (m, 4).
+    """
+
+    band: Int[Array, "m 2"]
+    turned: Bool[Array, "m 2"]
+    begin: Float[Array, "m 2"]
+    end: Float[Array, "m 2"]
+    family: Int[Array, "m 2"]
+    walls: Float[Array, "m 4"]
+
+    @classmethod
+    def of(cls, blocks: Blocks) -> "Places":
+        count = len(blocks.blocks)
+        band, family = np.zeros((2, count, 2), int)
+        turned, begin, end = np.zeros((count, 2), bool), *np.zeros((2, count, 2))
+        for number, each in enumerate(blocks.bands):
+            reach = np.concatenate([[0.0], np.cumsum([_length(blocks, s) for s in each.stretches])])
+            reach /= reach[-1]
+            for stretch, low, high in zip(each.stretches, reach[:-1], reach[1:], strict=True):
+                at = stretch.block, stretch.axis
+                band[at], family[at], turned[at] = number, each.family, stretch.turned
+                begin[at], end[at] = (high, low) if stretch.back else (low, high)
+        walls = [[blocks.is_wall(block, k) for k in range(4)] for block in range(count)]
+        return cls(*map(jnp.asarray, (band, turned, begin, end, family, np.array(walls, float))))
+
+
+def _length(blocks: Blocks, stretch: Any) -> float:
+    """Mean length of a band's lines within a block, mm."""
+    beside = (3, 1) if stretch.axis == 0 else (0, 2)
+    steps = [np.diff(blocks.side(stretch.block, k).polyline(), axis=0) for k in beside]
+    return float(np.mean([np.hypot(*step.T).sum() for step in steps]))
+
+
+def stacked_sides(blocks: Blocks) -> Sides:
+    """The sides of all blocks, each curve with a leading axis of blocks."""
+    count = len(blocks.blocks)
+    curves = padded([blocks.side(block, k) for k in range(4) for block in range(count)])
+    return Sides(*(
+        jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *curves[k : k + count])
+        for k in range(0, 4 * count, count)
+    ))  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """What of the blocks stays as it is: the bands, and where lines end within the part."""
+
+    bands: tuple[Band, ...]
+    cuts: tuple[Floats, ...]
+
+    @classmethod
+    def of(cls, blocks: Blocks) -> "Structure":
+        return cls(blocks.bands, tuple(blocks.sides[key].polyline() for key in blocks.broken))
+
+
+class PlacedWidth(eqx.Module):
+    """Road width, mm, as a function of the place: one number, or a spline over a box."""
+
+    free: Float[Array, "..."]
+    low: Float[Array, " 2"]
+    high: Float[Array, " 2"]
+    range: tuple[float, float]
+
+    def __call__(self, xy: Float[Array, "... 2"]) -> Float[Array, "..."]:
+        if self.free.ndim == 0:
+            return jnp.full(xy.shape[:-1], within(self.free, *self.range))
+        place = (xy - self.low) / (self.high - self.low)
+        return within(bspline.field(self.free, place[..., 0], place[..., 1]), *self.range)
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Least and largest on a lattice, mm."""
+        run = jnp.linspace(0, 1, 33)
+        place = jnp.stack(jnp.meshgrid(run, run), -1)
+        width = self(self.low + place * (self.high - self.low))
+        return width.min(), width.max()
+
+
+class Realised(NamedTuple):
+    """What controls amount to: the blocks' maps, and these where design looks.
+
+    - `grid`: one map, its arrays with a leading axis of blocks; `lattice`: likewise.
+    - `lines`: of each band, in all phases together, (bands,).
+    """
+
+    grid: AbstractGridMap
+    width: PlacedWidth
+    lines: Float[Array, " bands"]
+    lattice: Lattice
+    made: Bool[Array, ""]
+
+
+class BlockLines(AbstractPattern):
+    """Both families of lines of all blocks, laid by `road.stacking`.
+
+    - `sides`: of the blocks, see `stacked_sides`; `places`, `structure`: where lines run.
+    - `lines`: of each band in all phases together, real numbers, (bands,).
+    - `width`, `width_range`, `height`: of roads and layers, mm.
+    - `first`: the controls to start from; `samples`: where design looks, along xi and along eta.
+    - `skew_limit`: largest |cos| of the angle between the families, where design looks.
+    - `box`: lower left and upper right corner around the part.
+    """
+
+    sides: Sides
+    places: Places
+    lines: Float[Array, " bands"]
+    width: float
+    width_range: tuple[float, float]
+    height: float
+    first: BlockControls
+    samples: Samples
+    box: Float[Array, "2 2"]
+    skew_limit: Float[Array, "m n n"] | float = 0.9
+    structure: Structure = eqx.field(static=True, default=Structure((), ()))
+    stacking: Stacking = eqx.field(static=True, default=Stacking())
+    counts_fixed: bool = eqx.field(static=True, default=False)
+
+    def controls(self) -> BlockControls:
+        return self.first
+
+    @property
+    def patience(self) -> float | None:
+        return PATIENCE
+
+    def at(self, controls: BlockControls) -> "BlockLines":
+        return eqx.tree_at(lambda p: p.first, self, controls)
+
+    def grid(self, controls: BlockControls) -> AbstractGridMap:
+        """The blocks' maps, with a leading axis."""
+        base = Transfinite(self.sides)
+        if controls.spacing is None:
+            return Respaced(base)
+        rows = [
+            bspline.closed(own, 0) if band.closed and len(own) > 1 else own
+            for own, band in zip(controls.spacing, self.structure.bands, strict=True)
+        ]
+        spacings = jax.vmap(jax.vmap(DensitySpacing.of))(jnp.stack(rows))
+        at = self.places
+        fields = [
+            SpacingField(
+                jax.tree.map(lambda part, k=k: part[at.band[:, k]], spacings),
+                turned=at.turned[:, k],
+                begin=at.begin[:, k],
+                end=at.end[:, k],
+            )
+            for k in (0, 1)
+        ]
+        return Respaced(base, fields[0], fields[1])
+
+    def counts(self, controls: BlockControls) -> Float[Array, " bands"]:
+        """Lines of each band in all phases together, real numbers."""
+        return self.lines if controls.lines is None else self.lines * jnp.exp(controls.lines)
+
+    def road_width(self, controls: BlockControls) -> PlacedWidth:
+        if controls.width is not None:
+            return PlacedWidth(controls.width, self.box[0], self.box[1], self.width_range)
+        # `within` keeps the ends of its range out of reach.
+        low = self.width / 2
+        return PlacedWidth(jnp.zeros(()), self.box[0], self.box[1], (low, 3 * low))
+
+    def realise(self, controls: BlockControls) -> Realised:
+        grid, where = self.grid(controls), self.samples
+        lattice = eqx.filter_vmap(
+            lambda own: tangents(own, where.places[:, None], where.places[None])
+        )(grid)
+        return Realised(
+            grid,
+            self.road_width(controls),
+            self.counts(controls),
+            Lattice(where, where, *lattice),
+            jnp.asarray(True),
+        )
+
+    @property
+    def _shares(self) -> Float[Array, "m 2"]:
+        """Of the layers that hold the families of each block."""
+        shares = [self.stacking.layer_share(family) for family in FAMILIES]
+        return jnp.asarray(shares)[self.places.family]
+
+    def _lines_per_layer(self, realised: Realised) -> Float[Array, "m 2"]:
+        return realised.lines[self.places.band] / self.stacking.phases
+
+    def deposit(self, realised: Realised) -> Points:
+        width, lattice = realised.width, realised.lattice
+        area = section_area(width(lattice.xy), self.height)
+        families = Families(self._lines_per_layer(realised), self._shares, self.places.walls)
+        clearance = width.ends[1] / 2
+
+        def one(xy: Array, along: Tangents, area: Array, families: Families) -> Any:
+            own = Lattice(lattice.xi, lattice.eta, xy, along)
+            return patch_deposit(own, area, clearance, families)
+
+        xy, volume = jax.vmap(one)(lattice.xy, lattice.along, area, families)
+        xy = xy.reshape(-1, 2)
+        xyz = jnp.concatenate([xy, jnp.full((len(xy), 1), self._depth / 2)], 1)
+        return Points(xyz, volume.ravel() * self.stacking.layers)
+
+    @property
+    def _depth(self) -> float:
+        return self.height * self.stacking.layers
+
+    def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
+        (xi, eta, xy, along), inner = realised.lattice, (slice(None), slice(1, -1), slice(1, -1))
+        lines = self._lines_per_layer(realised) * self._shares
+        density = jnp.stack([norm(along.eta), norm(along.xi)], -1) * lines[:, None, None]
+        local = 1 - section_area(realised.width(xy), self.height) / self.height * (
+            density.sum(-1) / along.jacobian
+        )
+        area = along.jacobian * xi.weights[:, None] * eta.weights
+        points = xy[inner].reshape(-1, 2)
+        points = jnp.concatenate([points, jnp.full((len(points), 1), self._depth / 2)], 1)
+        return points, local[inner].ravel(), area[inner].ravel() * self._depth
+
+    def penalties(self, realised: Realised, limits: Limits) -> Penalties:
+        along, xy = realised.lattice.along, realised.lattice.xy
+        least = limits.least_spacing or realised.width(xy)
+        mean = jnp.abs(along.jacobian).mean((1, 2), keepdims=True)
+        positive = jnp.maximum(along.jacobian, 1e-3 * mean)
+        lines = self._lines_per_layer(realised)[:, None, None]
+        across = jnp.stack([norm(along.eta), norm(along.xi)])
+        spacing = positive / (jnp.moveaxis(lines, -1, 0) * across)
+        inner = spacing[:, :, 1:-1, 1:-1]
+        return {
+            "fold": (FOLD_FLOOR - along.jacobian / mean).ravel() / FOLD_FLOOR,
+            "skew": (along.skew / self.skew_limit).ravel() - 1,
+            "spacing": (least / spacing)[:, :, 1:-1, 1:-1].ravel() - 1,
+            # A road crosses lines of the other family that lie so far apart below it.
+            "span": inner[:, :, ::2, ::2].ravel() / limits.longest_span - 1,
+            "sparse": (spacing / spacing.mean((2, 3), keepdims=True)).ravel() / SPARSE - 1,
+        }
+
+    def roughness(self, controls: BlockControls) -> Float[Array, " n"]:
+        pieces = [jnp.zeros(0)]
+        for own, band in zip(controls.spacing or (), self.structure.bands, strict=False):
+            size = np.sqrt(own.size * len(self.structure.bands))
+            pieces.append(jnp.diff(own, 2, axis=1).ravel() / size)
+            around = jnp.concatenate([own, own[:2]]) if band.closed else own
+            if len(own) > 2:
+                pieces.append(jnp.diff(around, 2, axis=0).ravel() / size)
+        if controls.width is not None and controls.width.ndim == 2:
+            size = np.sqrt(controls.width.size)
+            pieces += [jnp.diff(controls.width, 2, axis=k).ravel() / size for k in (0, 1)]
+        return jnp.concatenate(pieces)
+
+    def widths(self, realised: Realised) -> tuple[Array, Array]:
+        return realised.width.ends
+
+    def whole_counts(self, controls: BlockControls) -> list[int]:
+        """Lines of each band in all phases together, as they are laid."""
+        return [max(1, round(float(count))) for count in self.counts(controls)]
+
+    def strokes(self, controls: BlockControls, points: int = 97) -> Iterator[Sequence[Lines]]:
+        grid, width = _shape(self, controls)
+        combs = self.whole_counts(controls)
+        walls = np.asarray(self.places.walls)
+        edges = [
+            jax.tree.map(np.asarray, _edges(grid, width, block, points))
+            for block in np.arange(len(walls))
+        ]
+        traced = [
+            _traced(grid, width, band, comb, _squeezed(band, edges, walls))
+            for band, comb in zip(self.structure.bands, combs, strict=True)
+        ]
+        made: dict[Scan, Lines] = {}
+        for layer in self.stacking.scans:
+            for scan in layer:
+                if scan not in made:
+                    made[scan] = self._lines(scan, traced)
+            yield [made[scan] for scan in layer]
+
+    def _lines(self, scan: Scan, traced: list[tuple[Floats, Floats]]) -> Lines:
+        """All bands of one family, on one layer."""
+        level, xy, width = [], [], []
+        for number, (band, lines) in enumerate(zip(self.structure.bands, traced, strict=True)):
+            if FAMILIES[band.family] != scan.family:
+                continue
+            courses, widths = (each[scan.phase :: scan.phases] for each in lines)
+            if band.closed:
+                # Where lines begin moves around from layer to layer.
+                turn = scan.phase * widths.shape[1] // scan.phases
+                courses = np.roll(courses[:, :-1], -turn, axis=1)
+                courses = np.concatenate([courses, courses[:, :1]], 1)
+                widths = np.roll(widths, -turn, axis=1)
+            level += (number * APART + np.arange(len(courses))).tolist()
+            xy += list(courses)
+            width += list(widths)
+        return Lines(
+            scan.family, scan.parity, np.array(level, int), xy, width, press=PRESS,
+            cuts=self.structure.cuts,
+        )  # fmt: skip
+
+    def counted(self, asked: float, laid: float) -> "BlockLines":
+        """The pattern with all bands' numbers of lines scaled alike, where the mean is missed."""
+        if self.counts_fixed or laid <= 0 or abs(asked / laid - 1) < _MISSED:
+            return self
+        # The controls stay, so that they are still those of a design.
+        lines = self.lines * (asked / laid)
+        return eqx.tree_at(lambda p: p.lines, self, lines)
+
+    def facts(self, controls: BlockControls) -> dict[str, Any]:
+        """Blocks, and of each band its family, blocks and lines of a layer."""
+        phases = self.stacking.phases
+        bands = zip(self.structure.bands, self.whole_counts(controls), strict=True)
+        return {
+            "kind": "blocks",
+            "blocks": len(self.places.band),
+            "phases": phases,
+            "bands": [
+                {
+                    "family": FAMILIES[band.family],
+                    "closed": band.closed,
+                    "blocks": [stretch.block for stretch in band.stretches],
+                    "lines_per_layer": count / phases,
+                }
+                for band, count in bands
+            ],
+        }
+
+
+_MISSED = 3e-3
+"""Share of the volume up to which the sections of the roads make good what is missing."""
+
+
+@eqx.filter_jit
+def _shape(pattern: BlockLines, controls: BlockControls) -> tuple[AbstractGridMap, PlacedWidth]:
+    return pattern.grid(controls), pattern.road_width(controls)
+
+
+_BATCH = 32
+
+
+@eqx.filter_jit
+def _edges(grid: AbstractGridMap, width: PlacedWidth, block: Any, points: int) -> Margins:
+    own, run, ends = _one(grid, block), jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
+    _, across = tangents(own, ends[:, None], run[None])
+    _, beside = tangents(own, run[:, None], ends[None])
+    return Margins.of(across, beside, width.ends[1] / 2)
+
+
+def _squeezed(band: Band, edges: list[Margins], walls: Floats) -> list[tuple[Floats, Floats]]:
+    """How far a band's lines keep from the walls at its two sides, for each of its stretches.
+
+    As shares of the band's breadth, at points along the lines. Where a wall ends the lines come
+    back slowly, so that they have no step there.
+    """
+    found = []
+    for stretch in band.stretches:
+        edge = edges[stretch.block]
+        sides = [(edge.left, 3), (edge.right, 1)]
+        if stretch.axis == 1:
+            sides = [(edge.bottom, 0), (edge.top, 2)]
+        pair = [margin * walls[stretch.block, k] for margin, k in sides]
+        pair = pair[::-1] if stretch.turned else pair
+        found.append([margin[::-1] if stretch.back else margin for margin in pair])
+    count = len(found)
+    ramp = np.maximum(1 - np.linspace(0, 1, len(found[0][0])) / RAMP, 0.0)
+    smooth = [[margin.copy() for margin in pair] for pair in found]
+    for k in range(count if band.closed else count - 1):
+        after = (k + 1) % count
+        for side in (0, 1):
+            end, begin = found[k][side][-1], found[after][side][0]
+            # Both come to the larger of the two at the join.
+            joint = max(end, begin)
+            smooth[k][side] += (joint - end) * ramp[::-1]
+            smooth[after][side] += (joint - begin) * ramp
+    return [(first, last) for first, last in smooth]
+
+
+def _traced(
+    grid: AbstractGridMap,
+    width: PlacedWidth,
+    band: Band,
+    comb: int,
+    margins: list[tuple[Floats, Floats]],
+) -> tuple[Floats, Floats]:
+    """Points of a band's lines and their widths; higher levels lie on the right."""
+    more, points = -comb % _BATCH, len(margins[0][0])
+    places = np.append((np.arange(comb) + 0.5) / comb, np.full(more, 0.5))[:, None]
+    run = np.linspace(0, 1, points)[None]
+    xy, widths = [], []
+    for number, (stretch, (first, last)) in enumerate(zip(band.stretches, margins, strict=True)):
+        own = places + first * (1 - places) - last * places
+        own = 1 - own if stretch.turned else own
+        along = np.broadcast_to(1 - run if stretch.back else run, own.shape)
+        pair = (own, along) if stretch.axis == 0 else (along, own)
+        pieces = [
+            _batch(grid, width, np.asarray(stretch.block), *(each[k : k + _BATCH] for each in pair))
+            for k in range(0, len(own), _BATCH)
+        ]
+        course, wide = map(np.concatenate, zip(*pieces, strict=True))
+        xy.append(course[:comb, 1 if number else 0 :])
+        widths.append(wide[:comb])
+    course, wide = np.concatenate(xy, 1), np.concatenate(widths, 1)
+    if band.closed:
+        course[:, -1] = course[:, 0]
+    start = band.stretches[0]
+    if (start.axis == 0) == (start.turned == start.back):
+        return course, wide
+    return course[:, ::-1], wide[:, ::-1]
+
+
+def _one(grid: AbstractGridMap, block: Any) -> Any:
+    """The map of one block."""
+    arrays, rest = eqx.partition(grid, eqx.is_array)
+    return eqx.combine(jax.tree.map(lambda part: part[block], arrays), rest)
+
+
+@eqx.filter_jit
+def _batch(
+    grid: AbstractGridMap, width: PlacedWidth, block: Any, xi: Any, eta: Any
+) -> tuple[Array, Array]:
+    xy = _one(grid, block)(xi, eta)
+    return xy, width((xy[:, 1:] + xy[:, :-1]) / 2)

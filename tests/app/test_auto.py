@@ -1,0 +1,28 @@
+"""A job of kind auto: what suits is tried, the best is kept, and the report says so."""
+
+import json
+
+import pytest
+
+from fdjax.app.config import parse
+from fdjax.app.run import design
+
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
+
+def test_the_best_of_what_suits_is_kept_and_said(tmp_path):
+    job = parse({
+        "files": ["gcode"],
+        "part": {"shape": "rectangle", "size": ["20mm", "15mm"], "layers": 4},
+        "target": {"solid": "0.3 + 0.1*x/20", "tolerance": 0.05},
+        "pattern": {"kind": "auto", "tried": ["transfinite", "blocks"], "phases": 2},
+        "design": {"iterations": 8},
+    })  # fmt: skip
+    table = design(job, tmp_path, progress=lambda _: None)
+    notes = json.loads((tmp_path / "report.json").read_text())["notes"]
+    assert [note.split(":")[0] for note in notes[:2]] == ["tried transfinite", "tried blocks"]
+    assert all(note in table for note in notes)
+    kept = notes[2].removeprefix("kept ")
+    kind = json.loads((tmp_path / "report.json").read_text())["design"]["pattern"]["kind"]
+    assert kind == {"transfinite": "grid-lines", "blocks": "blocks"}[kept]
+    assert (tmp_path / "part.gcode").exists()
