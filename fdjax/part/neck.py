@@ -81,16 +81,16 @@ def necks(polygon: Polygon, width: float) -> Iterator[Neck]:
     middles = shapely.line_interpolate_point(walls, 0.5, normalized=True)
     wall, own = STRtree(lost).query(middles, predicate="dwithin", distance=_TOUCHING)
     between = np.bincount(own, minlength=len(lost)) > 1
-    points, piece = shapely.get_coordinates(lost, return_index=True)
-    points = shapely.points(points)
+    places, piece = shapely.get_coordinates(lost, return_index=True)
+    points = np.asarray(shapely.points(places))
     shapely.prepare(opened)
     deep = ~shapely.dwithin(opened, points, width)
-    for number in np.unique([*np.flatnonzero(between), *piece[deep]]).tolist():
+    for number in np.unique([*np.flatnonzero(between), *piece[deep]]):
         if between[number]:
             yield _narrowest(walls[wall[own == number]])
         else:
             depth = shapely.distance(opened, points[deep & (piece == number)]).max()
-            yield widest(lost[number])._replace(depth=float(depth))
+            yield widest(lost.item(number))._replace(depth=float(depth))
 
 
 def _pinches(polygon: Polygon, reached: list[Polygon], reach: float) -> Iterator[Neck]:
