@@ -32,7 +32,7 @@ def test_design_is_the_function_whatever_came_first(first):
 
 
 def test_what_needs_no_jax_does_not_load_it():
-    with_jax = {"design", "Isolines", "Textures", "Curves", "MapLines", "Mesh"}
+    with_jax = {"design", "Isolines", "Textures", "Curves", "MapLines", "Mesh", "Multiblock"}
     names = [name for name in fdjax.__all__ if name not in with_jax]
     code = (
         "import sys, fdjax; assert not {'numpy', 'jax'} & set(sys.modules); "

@@ -55,7 +55,7 @@ def lines_of(path: str) -> list[Floats]:
             found[-1] += xy
         elif name in ("curveTo", "qCurveTo"):
             found[-1] += _curve(np.array([found[-1][-1], *xy]))
-        elif name == "closePath":
+        elif name == "closePath" and (found[-1][-1] != found[-1][0]).any():
             found[-1].append(found[-1][0])
     lines = [np.array(line) for line in found if len(line) > 1]
     if not lines:

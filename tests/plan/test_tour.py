@@ -38,13 +38,17 @@ def errors(roads, region):
 def test_curves_go_through_each_square_once(name, shape):
     order = rank(name, shape)
     assert len(np.unique(order)) == order.size
-    whole = {"hilbert": (16, 16), "moore": (16, 16), "peano": (27, 27)}.get(name, shape)
-    if shape == whole:
-        at = np.stack(np.unravel_index(np.argsort(order.ravel()), shape), 1)
-        steps = np.abs(np.diff(at, axis=0)).sum(1)
-        assert set(steps) == {1}
+    at = np.stack(np.unravel_index(np.argsort(order.ravel()), shape), 1)
+    steps = np.diff(at, axis=0)
+    if name == "gosper":
+        # A window of the curve: some steps are ways round outside. Else to one of six neighbours.
+        near = (np.abs(steps).max(1) == 1) & (np.abs(steps.sum(1)) <= 1)
+        assert near.mean() > 0.9
+    elif shape[0] == (27 if name == "peano" else 16):
+        # Sierpinski's goes from square to square across corners, too.
+        assert set((np.abs(steps).max if name == "sierpinski" else np.abs(steps).sum)(1)) == {1}
         closes = np.abs(at[-1] - at[0]).sum() == 1
-        assert closes == (name == "moore")
+        assert closes == (name in ("moore", "sierpinski"))
 
 
 @pytest.mark.parametrize("name", NAMES)
