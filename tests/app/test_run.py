@@ -14,7 +14,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from fdjax.app import run, setting
+from fdjax.app import planning, setting
 from fdjax.app.cli import main
 from fdjax.formats import profile, read_file
 from fdjax.grid.base import Sides
@@ -75,14 +75,14 @@ class Finished:
 def finished(compiled_once, tmp_path_factory):
     home = tmp_path_factory.mktemp("jobs")
     found = []
-    solve: Callable = run.solve
+    solve: Callable = planning.solve
 
     def remember(*arguments, **options):
         found.append(solve(*arguments, **options))
         return found[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "solve", remember)
+        patch.setattr(planning, "solve", remember)
         job = written(home / "saddle.toml")
         code = main(["design", str(job), "--out", str(home / "deep" / "out"), "--quiet"])
     return Finished(code, home / "deep" / "out", found[0])
@@ -91,7 +91,7 @@ def finished(compiled_once, tmp_path_factory):
 @pytest.fixture
 def again(finished, monkeypatch):
     """The command line, with the design already found in the place of a new one."""
-    monkeypatch.setattr(run, "solve", lambda *_, **__: finished.design)
+    monkeypatch.setattr(planning, "solve", lambda *_, **__: finished.design)
     return main
 
 
@@ -209,7 +209,7 @@ def test_a_missed_tolerance_leaves_report_and_pictures_alone(again, tmp_path, ca
 
 def test_a_design_that_could_not_be_made_exports_nothing(finished, monkeypatch, tmp_path, capsys):
     folded = replace(finished.design, made=False)
-    monkeypatch.setattr(run, "solve", lambda *_, **__: folded)
+    monkeypatch.setattr(planning, "solve", lambda *_, **__: folded)
     job = written(tmp_path / "saddle.toml")
     assert main(["design", str(job), "--out", str(tmp_path / "out"), "--quiet"]) == 3
     assert "the grid folds or its solve did not converge" in capsys.readouterr().err
