@@ -206,7 +206,7 @@ class _Tracker:
         self.commanded = True
         self.settle()
         plain = block.plain[chosen]
-        x, y, z, e, feed = block.words[chosen].T
+        x, y, z, e, feed = block.words[:, chosen]
         place = np.empty((len(chosen) + 1, 3))
         for axis, told in enumerate((x, y, z)):
             place[0, axis] = state.on_bed[axis]
