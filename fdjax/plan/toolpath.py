@@ -147,12 +147,12 @@ class Roads(Sequence[Road]):
     @property
     def starts(self) -> Floats:
         """First point of each segment, shape (segments, 2), mm."""
-        return np.delete(self.points, self.first[1:] - 1, axis=0)
+        return self.points.take(np.arange(len(self.width)) + self.owner, axis=0)
 
     @property
     def ends(self) -> Floats:
         """Last point of each segment, shape (segments, 2), mm."""
-        return np.delete(self.points, self.first[:-1], axis=0)
+        return self.points.take(np.arange(1, len(self.width) + 1) + self.owner, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
