@@ -238,7 +238,7 @@ def _marked_layers(
             continue
         start, end = found.start[own, :2], found.end[own, :2]
         section = found.volume[own] / np.hypot(*(end - start).T)
-        groups = np.stack([found.road[own], head[own]], 1)
+        groups = [found.road[own], head[own]]
         told = codes[number[own]]
         roads = flat_roads(
             start - origin,

@@ -1,0 +1,118 @@
+"""Many lines of plain motion at once: what `GcodeState.plain` does with each of them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fdjax.formats.gcode_scan import Block, Floats, Ints, Mask
+from fdjax.gcode.state import GcodeState
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Straight motions, one after the other; of a line `G92 E` one that stands still.
+
+    - `start`, `end`: shape (3, n), mm on the bed; `volume`: shape (n,), mm^3 pushed out.
+    - `feed`: what F says, mm/min, nan where there is none; `before`: speed before the first, mm/s.
+    - `has_e`: the lines that move and name E.
+    """
+
+    start: Floats
+    end: Floats
+    volume: Floats
+    feed: Floats
+    before: float
+    has_e: Mask
+
+    @cached_property
+    def moved(self) -> Mask:
+        """Those that move in X or Y, shape (n,)."""
+        (a, b, _), (x, y, _) = self.start, self.end
+        return (a != x) | (b != y)
+
+    @property
+    def speed(self) -> Floats:
+        """As the last F says it, mm/s, shape (n,)."""
+        speed = np.empty(len(self.feed) + 1)
+        _carry(speed, self.before, self.feed / 60)
+        return speed[1:]
+
+
+def takes_many(state: GcodeState) -> bool:
+    """Whether plain lines may be taken at once: coordinates are absolute and in mm, no power is on
+    that lays something by itself, and there is an extruder."""
+    return state.direct and state.firmware.extrudes and not state.power
+
+
+def advance(state: GcodeState, block: Block, chosen: Ints) -> Motions:
+    """Take a state past plain lines and resets of a block that `takes_many`; at least one.
+
+    `chosen` are their indices, rising. The state is afterwards as if they had come one by one.
+    """
+    first, count = int(chosen[0]), len(chosen)
+    rows = slice(first, first + count) if int(chosen[-1]) - first + 1 == count else chosen
+    x, y, z, e, feed = block.words[:, rows]
+    plain = block.plain[rows]
+    place = np.empty((3, count + 1))
+    told = set()
+    for axis, (name, words) in enumerate(zip("XYZ", (x, y, z), strict=True)):
+        shift = state.shift[axis]
+        if _carry(place[axis], state.on_bed[axis], words + shift if shift else words):
+            told.add(name)
+    start, end = place[:, :-1], place[:, 1:]
+    has_e = np.isfinite(e)
+    if (has_e if not state.relative_e else has_e & ~plain).any():
+        told.add("E")
+    has_e &= plain
+    volume = _pushed(state, e, plain, has_e)
+    motions = Motions(start, end, volume, feed, state.speed, has_e)
+    highest = float(end[2].max())
+    if highest > state.top:
+        lifts = (volume > 0) & (motions.moved | (start[2] != end[2]))
+        state.top = float(end[2].max(initial=state.top, where=lifts))
+    fed = np.flatnonzero(np.isfinite(feed))
+    if len(fed):
+        state.run_at(float(feed[fed[-1]]) / 60)
+    state.on_bed = (float(end[0, -1]), float(end[1, -1]), float(end[2, -1]))
+    moves = np.flatnonzero(plain)
+    if len(moves):
+        state.motion = block.text(int(chosen[moves[-1]]))[:2]
+    state.know(told)
+    return motions
+
+
+def _pushed(state: GcodeState, e: Floats, plain: Mask, has_e: Mask) -> Floats:
+    """mm^3 that each line pushes out; the state's E is moved on."""
+    if state.relative_e:
+        pushed = np.where(has_e, e, 0.0)
+        resets = np.flatnonzero(~plain)
+        last = int(resets[-1]) if len(resets) else -1
+        begun = float(e[last]) if len(resets) else state.e
+        state.e = float(np.add.accumulate(np.append(begun, pushed[last + 1 :]))[-1])
+        return pushed * state.gain
+    reached = np.empty(len(e) + 1)
+    _carry(reached, state.e, e)
+    state.e = float(reached[-1])
+    return np.where(has_e, reached[1:] - reached[:-1], 0.0) * state.gain
+
+
+def _carry(values: Floats, before: float, told: Floats) -> bool:
+    """Fill values, one more than are told, with what was before and each nan's last number.
+
+    Whether any is told.
+    """
+    values[0] = before
+    known = np.isfinite(told)
+    count = np.count_nonzero(known)
+    if not count:
+        values[1:] = before
+        return False
+    values[1:] = told
+    if count < len(told):
+        last = np.zeros(len(values), np.intp)
+        at = np.flatnonzero(known) + 1
+        last[at] = at
+        np.maximum.accumulate(last, out=last)
+        values[:] = values[last]
+    return True
