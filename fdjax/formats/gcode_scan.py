@@ -12,6 +12,8 @@ Mask = NDArray[np.bool_]
 
 _BLOCK = 1 << 18
 """Bytes looked at together, so that arrays of what is in them stay near the processor."""
+_KEPT = 1 << 24
+"""Bytes that all arrays of a block may take together."""
 _ROOM = 16
 """Bytes before and behind a block at which may be looked, too."""
 _LONGEST = 15
@@ -58,6 +60,8 @@ def blocks(data: bytes) -> Iterator[Block]:
     >>> block.plain.tolist(), block.words[:2, 0].tolist()
     ([True, False], [10.0, -0.5])
     """
+    # Freed memory goes back to the system, at a price, unless as much was in use before at once.
+    np.empty(_KEPT, np.uint8)
     at, first = 0, 1
     while at < len(data):
         stop = len(data)
@@ -188,7 +192,7 @@ def _whole(
     eights = np.ndarray((len(array) - 7,), "<u8", array, strides=(1,))
     # Digits become 0 to 9; the first is the lowest byte, before it stand zeros.
     before = ((8 - np.clip(size, 1, 8)) << 3).view(np.uint64)
-    digits = (((eights[end - 8] ^ _ALL * 0x30) >> before) << before).astype(np.uint64)
+    digits = ((eights[end - 8] ^ _ALL * 0x30) >> before) << before
     # The highest bit of the first byte that is a point; then what is before it moves up by one.
     found = digits ^ _ALL * (0x30 ^ ord("."))
     found = (found - _ALL) & ~found & (_ALL << 7)
