@@ -13,14 +13,16 @@ from fdjax.gcode.state import GcodeState
 class Motions:
     """Straight motions, one after the other; of a line `G92 E` one that stands still.
 
-    - `start`, `end`: shape (3, n), mm on the bed; `volume`: shape (n,), mm^3 pushed out.
+    - `start`, `end`: shape (3, n), mm on the bed; `pushed`: in units of E, shape (n,), `gain` mm^3
+      each.
     - `feed`: what F says, mm/min, nan where there is none; `before`: speed before the first, mm/s.
     - `has_e`: the lines that move and name E.
     """
 
     start: Floats
     end: Floats
-    volume: Floats
+    pushed: Floats
+    gain: float
     feed: Floats
     before: float
     has_e: Mask
@@ -30,6 +32,11 @@ class Motions:
         """Those that move in X or Y, shape (n,)."""
         (a, b, _), (x, y, _) = self.start, self.end
         return (a != x) | (b != y)
+
+    @cached_property
+    def volume(self) -> Floats:
+        """What is pushed out, mm^3, shape (n,)."""
+        return self.pushed * self.gain
 
     @property
     def speed(self) -> Floats:
@@ -65,11 +72,11 @@ def advance(state: GcodeState, block: Block, chosen: Ints) -> Motions:
     if (has_e if not state.relative_e else has_e & ~plain).any():
         told.add("E")
     has_e &= plain
-    volume = _pushed(state, e, plain, has_e)
-    motions = Motions(start, end, volume, feed, state.speed, has_e)
+    pushed = _pushed(state, e, plain, has_e)
+    motions = Motions(start, end, pushed, state.gain, feed, state.speed, has_e)
     highest = float(end[2].max())
     if highest > state.top:
-        lifts = (volume > 0) & (motions.moved | (start[2] != end[2]))
+        lifts = (motions.volume > 0) & (motions.moved | (start[2] != end[2]))
         state.top = float(end[2].max(initial=state.top, where=lifts))
     fed = np.flatnonzero(np.isfinite(feed))
     if len(fed):
@@ -83,18 +90,18 @@ def advance(state: GcodeState, block: Block, chosen: Ints) -> Motions:
 
 
 def _pushed(state: GcodeState, e: Floats, plain: Mask, has_e: Mask) -> Floats:
-    """mm^3 that each line pushes out; the state's E is moved on."""
+    """What each line pushes out, in units of E; the state's E is moved on."""
     if state.relative_e:
         pushed = np.where(has_e, e, 0.0)
         resets = np.flatnonzero(~plain)
         last = int(resets[-1]) if len(resets) else -1
         begun = float(e[last]) if len(resets) else state.e
         state.e = float(np.add.accumulate(np.append(begun, pushed[last + 1 :]))[-1])
-        return pushed * state.gain
+        return pushed
     reached = np.empty(len(e) + 1)
     _carry(reached, state.e, e)
     state.e = float(reached[-1])
-    return np.where(has_e, reached[1:] - reached[:-1], 0.0) * state.gain
+    return np.where(has_e, reached[1:] - reached[:-1], 0.0)
 
 
 def _carry(values: Floats, before: float, told: Floats) -> bool:
@@ -116,3 +123,31 @@ def _carry(values: Floats, before: float, told: Floats) -> bool:
         np.maximum.accumulate(last, out=last)
         values[:] = values[last]
     return True
+
+
+def paid(volume: Floats, owed: float) -> tuple[Floats, float]:
+    """What of each volume is laid once what was pulled back is returned, and what is owed then."""
+    laid = np.maximum(volume, 0.0)
+    pulls = np.flatnonzero(volume < 0)
+    if not len(pulls) and not owed:
+        return laid, owed
+    pushes = np.flatnonzero(volume)
+    values = volume[pushes]
+    at, count = 0, len(pushes)
+    begins = np.searchsorted(pushes, pulls).tolist()
+    for begin in [0, *begins] if owed else begins:
+        if begin < at:
+            continue
+        at = begin
+        while at < count:
+            value = values.item(at)
+            if value < 0:
+                owed -= value
+            elif owed:
+                paid = min(owed, value)
+                owed -= paid
+                laid[pushes[at]] = value - paid
+            at += 1
+            if not owed:
+                break
+    return laid, owed

@@ -67,12 +67,13 @@ def blocks(data: bytes) -> Iterator[Block]:
         stop = len(data)
         if at + _BLOCK < stop:
             stop = data.find(b"\n", at + _BLOCK) + 1 or stop
-        block = _block(data[at:stop], first)
+        block = block_of(data[at:stop], first)
         yield block
         at, first = stop, first + len(block.start)
 
 
-def _block(data: bytes, first: int) -> Block:
+def block_of(data: bytes, first: int) -> Block:
+    """Some lines of a file as a block; `first`: number of the first of them."""
     if not data.endswith(b"\n"):
         data += b"\n"
     room = b"\n" * _ROOM

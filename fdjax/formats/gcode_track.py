@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdjax.errors import InputError
-from fdjax.formats.gcode_bulk import advance, takes_many
+from fdjax.formats.gcode_bulk import advance, paid, takes_many
 from fdjax.formats.gcode_scan import Block, Floats, Ints, blocks
 from fdjax.gcode.state import GcodeState
 from fdjax.gcode.words import NoCommand, code_of, command_of
@@ -216,7 +216,7 @@ class _Tracker:
         both = has_e & moved
         self.counts["e"] += int(both.sum())
         self.counts["none"] += int((both & (volume <= 0)).sum())
-        laid = self._paid(volume)
+        laid, self.owed = paid(volume, self.owed)
         lays = moved & (laid > 0)
         if self.keeps_short():
             lays |= both & (laid == 0) & (volume >= 0)
@@ -233,34 +233,6 @@ class _Tracker:
             values = (start[:, own].T, end[:, own].T, laid[own], numbers, road[own], tools)
             self._keep(values)
         self.line = block.first + int(chosen[-1])
-
-    def _paid(self, volume: Floats) -> Floats:
-        """What of each volume is laid once what was pulled back is returned; owed is moved on."""
-        laid = np.maximum(volume, 0.0)
-        pulls = np.flatnonzero(volume < 0)
-        if not len(pulls) and not self.owed:
-            return laid
-        pushes = np.flatnonzero(volume)
-        values = volume[pushes]
-        at, owed, count = 0, self.owed, len(pushes)
-        begins = np.searchsorted(pushes, pulls).tolist()
-        for begin in [0, *begins] if owed else begins:
-            if begin < at:
-                continue
-            at = begin
-            while at < count:
-                value = values.item(at)
-                if value < 0:
-                    owed -= value
-                elif owed:
-                    paid = min(owed, value)
-                    owed -= paid
-                    laid[pushes[at]] = value - paid
-                at += 1
-                if not owed:
-                    break
-        self.owed = owed
-        return laid
 
     def settle(self) -> None:
         """Rows that were taken one by one join the others."""

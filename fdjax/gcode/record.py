@@ -10,7 +10,7 @@ from fdjax.gcode.settings import Settings
 from fdjax.gcode.words import Refused
 from fdjax.moves import Point, Position
 
-_SLOWEST = 1e-3
+SLOWEST = 1e-3
 """mm/s; what F0 is taken for, where it is taken."""
 
 
@@ -139,7 +139,7 @@ class Record:
             if self.firmware.no_speed == "ignored":
                 speed = self.speed
         self.speed = speed
-        self.pace = max(speed * self.speed_factor, _SLOWEST)
+        self.pace = max(speed * self.speed_factor, SLOWEST)
 
     def race(self, factor: float) -> None:
         """Set the factor of all speeds (M220)."""
