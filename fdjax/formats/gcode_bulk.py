@@ -58,14 +58,16 @@ def advance(state: GcodeState, block: Block, chosen: Ints) -> Motions:
     `chosen` are their indices, rising. The state is afterwards as if they had come one by one.
     """
     first, count = int(chosen[0]), len(chosen)
-    rows = slice(first, first + count) if int(chosen[-1]) - first + 1 == count else chosen
-    x, y, z, e, feed = block.words[:, rows]
-    plain = block.plain[rows]
+    if int(chosen[-1]) - first + 1 == count:
+        words, plain = block.words[:, first : first + count], block.plain[first : first + count]
+    else:
+        words, plain = block.words.take(chosen, axis=1), block.plain[chosen]
+    x, y, z, e, feed = words
     place = np.empty((3, count + 1))
     told = set()
-    for axis, (name, words) in enumerate(zip("XYZ", (x, y, z), strict=True)):
+    for axis, (name, given) in enumerate(zip("XYZ", (x, y, z), strict=True)):
         shift = state.shift[axis]
-        if _carry(place[axis], state.on_bed[axis], words + shift if shift else words):
+        if _carry(place[axis], state.on_bed[axis], given + shift if shift else given):
             told.add(name)
     start, end = place[:, :-1], place[:, 1:]
     has_e = np.isfinite(e)
@@ -115,13 +117,16 @@ def _carry(values: Floats, before: float, told: Floats) -> bool:
     if not count:
         values[1:] = before
         return False
+    if 4 * count < len(told):
+        at = np.append(0, np.flatnonzero(known) + 1)
+        source = np.append(before, told[at[1:] - 1])
+        values[:] = np.repeat(source, np.diff(at, append=len(values)))
+        return True
     values[1:] = told
     if count < len(told):
-        last = np.zeros(len(values), np.intp)
-        at = np.flatnonzero(known) + 1
-        last[at] = at
-        np.maximum.accumulate(last, out=last)
-        values[:] = values[last]
+        gaps = np.flatnonzero(~known) + 1
+        first = np.diff(gaps, prepend=-1) != 1
+        values[gaps] = values[gaps[first] - 1][np.cumsum(first) - 1]
     return True
 
 

@@ -165,7 +165,7 @@ def _trim(begin: Ints, end: Ints, mark: NDArray[np.uint8], own: Mask) -> None:
 def _numbers(array: NDArray[np.uint8], at: Ints, end: Ints) -> tuple[Floats, Mask]:
     """The numbers between these places, and which are numbers; exactly as `float` reads them."""
     negative = array[at] == ord("-")
-    size = end - at - negative
+    size = np.minimum(end - at, 100).astype(np.int8) - negative.view(np.int8)
     sound = (size > 0) & (size <= _LONGEST + 1)
     whole, places, points = _whole(array, end, np.minimum(size, 8), sound)
     long = np.flatnonzero(sound & (size > 8))
@@ -179,11 +179,13 @@ def _numbers(array: NDArray[np.uint8], at: Ints, end: Ints) -> tuple[Floats, Mas
     sound &= (points <= 1) & (size > points) & (size - points <= _LONGEST)
     value = whole.astype(float)
     value /= _POWERS.take(places)
-    return np.where(negative, -value, value), sound
+    minus = np.flatnonzero(negative)
+    value[minus] = -value[minus]
+    return value, sound
 
 
 def _whole(
-    array: NDArray[np.uint8], end: Ints, size: Ints, sound: Mask
+    array: NDArray[np.uint8], end: Ints, size: NDArray[np.int8], sound: Mask
 ) -> tuple[NDArray[np.uint64], Ints, NDArray[np.int8]]:
     """The digits of texts of 1 to 8 bytes as whole numbers: all at once in 64 bits each.
 
@@ -192,7 +194,7 @@ def _whole(
     """
     eights = np.ndarray((len(array) - 7,), "<u8", array, strides=(1,))
     # Digits become 0 to 9; the first is the lowest byte, before it stand zeros.
-    before = ((8 - np.clip(size, 1, 8)) << 3).view(np.uint64)
+    before = ((8 - np.clip(size, 1, 8)) << 3).astype(np.uint64)
     digits = ((eights[end - 8] ^ _ALL * 0x30) >> before) << before
     # The highest bit of the first byte that is a point; then what is before it moves up by one.
     found = digits ^ _ALL * (0x30 ^ ord("."))

@@ -229,9 +229,9 @@ class _Tracker:
                 self.base = state.shift[2]
             self.by_length = self.by_length or not state.volumetric
             numbers = block.first + chosen[own]
-            tools = np.full(len(numbers), self.tool)
-            values = (start[:, own].T, end[:, own].T, laid[own], numbers, road[own], tools)
-            self._keep(values)
+            ends = (each.take(own, axis=1).T for each in (start, end))
+            values = (*ends, laid[own], numbers, road[own], self.tool)
+            self._keep(values, len(own))
         self.line = block.first + int(chosen[-1])
 
     def settle(self) -> None:
@@ -240,10 +240,10 @@ class _Tracker:
             table = np.array(self.rows)
             self.rows.clear()
             numbers = (table[:, column].astype(np.intp) for column in (7, 8, 9))
-            self._keep((table[:, :3], table[:, 3:6], table[:, 6], *numbers))
+            self._keep((table[:, :3], table[:, 3:6], table[:, 6], *numbers), len(table))
 
-    def _keep(self, values: tuple[NDArray, ...]) -> None:
-        begin, self.size = self.size, self.size + len(values[-1])
+    def _keep(self, values: tuple[NDArray | int, ...], count: int) -> None:
+        begin, self.size = self.size, self.size + count
         if self.size > len(self.columns["line"]):
             self.reserve(2 * self.size)
         for name, value in zip(COLUMNS, values, strict=True):
