@@ -50,7 +50,9 @@ def coverage(
 
 def _step(segments: Segments) -> float:
     """Distance of the scan lines, mm: the more pieces, the more their errors even out."""
-    width = max(float(segments.width.min()), float(np.median(segments.width)) / 4)
+    width = float(segments.width.min())
+    if width < segments.width.max() / 4:
+        width = max(width, float(np.median(segments.width)) / 4)
     return width / 5 * float(np.clip(len(segments.width) / _MANY, 1, 4))
 
 
@@ -73,15 +75,15 @@ def _union_area(segments: Segments, resolution: float | None) -> float:
     rise = by - ay
     rise[np.abs(rise) < _FLAT] = _FLAT
     side = np.copysign(radius, rise) * (bx - ax) / segments.length
-    radius, side, rise, run = radius[owner], side[owner], rise[owner], (bx - ax)[owner]
+    radius, side, rise = radius[owner], side[owner], rise[owner]
+    origin, run = ax[owner], (bx - ax)[owner]
     ends = []
     for sign in (-1, 1):
         share = np.clip((ahead + sign * side) / rise, 0, 1)
         aside = ahead - share * rise
         half = np.sqrt(np.maximum(radius * radius - aside * aside, 0))
-        ends.append(share * run + sign * half)
-    low, high = ends + ax[owner]
-    return step * _union_length(scan, low, high)
+        ends.append(share * run + sign * half + origin)
+    return step * _union_length(scan, *ends)
 
 
 def _union_length(scan: NDArray[np.intp], low: Floats, high: Floats) -> float:
@@ -93,8 +95,10 @@ def _union_length(scan: NDArray[np.intp], low: Floats, high: Floats) -> float:
     lines = scan.astype(np.uint16) if scan.max() < 1 << 16 else scan
     order = np.argsort(lines, kind="stable")
     # Scan lines laid end to end, far enough apart not to touch.
-    shift = scan[order] * (high.max() - low.min() + 1.0) - low.min()
-    low, high = (np.sort(each[order] + shift, kind="stable") for each in (low, high))
+    shift = scan * (high.max() - low.min() + 1.0) - low.min()
+    low, high = ((each + shift)[order] for each in (low, high))
+    low.sort(kind="stable")
+    high.sort(kind="stable")
     # There is a gap where as many intervals have ended as have begun.
     gaps = np.maximum(low[1:] - high[:-1], 0).sum()
     return float(high[-1] - low[0] - gaps)

@@ -69,15 +69,17 @@ class Segments:
     @classmethod
     def _flat(cls, roads: Roads) -> "Segments":
         section = np.full(len(roads.width), np.nan) if roads.section is None else roads.section
+        owner = roads.owner
+        first = np.arange(len(owner)) + owner
         ends = np.stack([roads.points[roads.first[:-1]], roads.points[roads.first[1:] - 1]], 1)
         family = np.unique(roads.family, return_inverse=True)[1]
         lines = np.array([name in NO_NODES for name in roads.names])
         return cls._lasting(
-            roads.starts,
-            roads.ends,
+            roads.points.take(first, axis=0),
+            roads.points.take(first + 1, axis=0),
             roads.width,
             section,
-            roads.owner,
+            owner,
             ends,
             roads.closed,
             family,
