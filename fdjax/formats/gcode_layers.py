@@ -112,7 +112,7 @@ def _roads(
     return flat_roads(
         track.start[pieces, :2],
         track.end[pieces, :2],
-        np.stack([track.road[pieces], *marks, tool], 1),
+        [track.road[pieces], *marks, tool],
         section / height if rectangular else road_width(section, height),
         None if plain else section,
         tool,
@@ -200,7 +200,7 @@ def _left_out(runs: Runs, aside: NDArray[np.uint8]) -> dict[str, str]:
 def flat_roads(
     start: Floats,
     end: Floats,
-    marks: NDArray[np.integer],
+    marks: Sequence[NDArray[np.integer]],
     width: Floats,
     section: Floats | None,
     material: NDArray[np.integer],
@@ -210,17 +210,23 @@ def flat_roads(
     family: NDArray[np.integer] | None = None,
     closed: Mask | None = None,
 ) -> Roads:
-    """Pieces as roads; one ends where any of its marks, shape (n, k), changes.
+    """Pieces as roads; one ends where any of its marks, each of shape (n,), changes.
 
     `family` and `closed` are told by the first piece of a road; without them there is no family,
     and a road is closed that ends where it began.
     """
     begins = np.ones(len(start), bool)
-    begins[1:] = (marks[1:] != marks[:-1]).any(1) | (start[1:] != end[:-1]).any(1)
+    begins[1:] = (start[1:, 0] != end[:-1, 0]) | (start[1:, 1] != end[:-1, 1])
+    for mark in marks:
+        begins[1:] |= mark[1:] != mark[:-1]
     at = np.flatnonzero(begins)
     count = len(at)
-    points = np.insert(end, at, start[at], axis=0)
-    first = np.append(at + np.arange(count), len(points))
+    first = np.append(at + np.arange(count), len(start) + count)
+    points = np.empty((len(start) + count, 2))
+    points[
+        np.arange(1, len(start) + 1) + np.repeat(np.arange(count), np.diff(at, append=len(start)))
+    ] = end
+    points[first[:-1]] = start[at]
     ends = np.diff(first)
     if closed is None:
         rings = (ends > 3) & (points[first[:-1]] == points[first[1:] - 1]).all(1)

@@ -19,6 +19,8 @@ from fdjax.plan.toolpath import Build, Layer, Outline
 from fdjax.road.bead import road_width
 
 _OWN_FILAMENT = re.compile(rb"fdjax (?:filament|flow) [=+].*")
+_HEAD = 1 << 18
+"""Bytes in which a file's own header is looked for."""
 _TOOLS = 100
 _BACKWARDS = 1 / 3
 """Share of moves with E above which its being absolute makes no sense: they would lay nothing."""
@@ -200,7 +202,7 @@ class _Followed:
 def _stated(data: bytes) -> tuple[list[float], float | None]:
     """Filament diameter, mm, and flow that a file of fdjax states."""
     facts = header.Facts()
-    for fact in _OWN_FILAMENT.findall(data):
+    for fact in _OWN_FILAMENT.findall(data, 0, _HEAD):
         facts.feed(fact.decode(errors="replace"))
     own, flow = facts.positive("filament"), facts.positive("flow")
     return ([own] if own is not None else []), flow
@@ -238,7 +240,7 @@ def _marked_layers(
             continue
         start, end = found.start[own, :2], found.end[own, :2]
         section = found.volume[own] / np.hypot(*(end - start).T)
-        groups = np.stack([found.road[own], head[own]], 1)
+        groups = [found.road[own], head[own]]
         told = codes[number[own]]
         roads = flat_roads(
             start - origin,

@@ -30,13 +30,15 @@ class Runs:
     @classmethod
     def of(cls, track: Track, comments: Comments) -> "Runs":
         lines = np.array([each.line for each in comments.stretches])
-        stretch = np.searchsorted(lines, track.line, side="right") - 1
-        begins = np.diff(track.road, prepend=-1) != 0
-        begins[1:] |= stretch[1:] != stretch[:-1]
+        begins = np.ones(len(track.line), bool)
+        np.not_equal(track.road[1:], track.road[:-1], out=begins[1:])
+        at = np.searchsorted(track.line, lines)
+        begins[at[at < len(begins)]] = True
         # Where Z moves each piece may be of another layer.
         begins |= (np.abs(track.start[:, 2] - track.end[:, 2]) > NEAR).any()
         first = np.flatnonzero(begins)
-        return cls(track, np.append(first, len(begins)), stretch[first], comments.stretches)
+        stretch = np.searchsorted(lines, track.line[first], side="right") - 1
+        return cls(track, np.append(first, len(begins)), stretch, comments.stretches)
 
     def told(self, name: str) -> NDArray:
         """What comments say of each run: a number of `Stretch`, shape (runs,)."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdjax.errors import InputError
+from fdjax.formats.gcode_bulk import advance, paid, takes_many
 from fdjax.formats.gcode_scan import Block, Floats, Ints, blocks
 from fdjax.gcode.state import GcodeState
 from fdjax.gcode.words import NoCommand, code_of, command_of
@@ -59,9 +60,11 @@ class Track:
     def length(self, pieces: slice | Ints) -> Floats:
         """Of some pieces, seen from above, mm."""
         start, end = self.start[pieces], self.end[pieces]
-        return np.hypot(end[:, 0] - start[:, 0], end[:, 1] - start[:, 1])
+        run, rise = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
+        return np.sqrt(run * run + rise * rise)
 
 
+_KINDS = (np.int32, float)
 _COLUMNS = (("start", 3), ("end", 3), ("volume", 1), ("line", 0), ("road", 0), ("tool", 0))
 COLUMNS = tuple(name for name, _ in _COLUMNS)
 """Names of the arrays of a `Track`."""
@@ -189,8 +192,7 @@ class _Tracker:
     def run_many(self, block: Block, chosen: Ints) -> None:
         """Take these plain lines and resets of a block."""
         state = self.state
-        fast = state.direct and state.firmware.extrudes and not state.power
-        if len(chosen) <= _FEW or not fast:
+        if len(chosen) <= _FEW or not takes_many(state):
             for index in chosen.tolist():
                 self.line = block.first + index
                 text = block.text(index)
@@ -205,92 +207,32 @@ class _Tracker:
             return
         self.commanded = True
         self.settle()
-        plain = block.plain[chosen]
-        x, y, z, e, feed = block.words[chosen].T
-        place = np.empty((len(chosen) + 1, 3))
-        for axis, told in enumerate((x, y, z)):
-            place[0, axis] = state.on_bed[axis]
-            place[1:, axis] = told + state.shift[axis]
-            _carry(place[:, axis])
-        start, end = place[:-1], place[1:]
-        has_e = plain & np.isfinite(e)
-        volume = self._pushed(e, plain, has_e)
-        moved = (start[:, :2] != end[:, :2]).any(1)
+        motions = advance(state, block, chosen)
+        start, end, volume, has_e = motions.start, motions.end, motions.volume, motions.has_e
+        if has_e.any():
+            self.look_at_modes()
+        moved = motions.moved
+        climbs = start[2] != end[2]
         both = has_e & moved
         self.counts["e"] += int(both.sum())
         self.counts["none"] += int((both & (volume <= 0)).sum())
-        highest = end[(volume > 0) & (moved | (start[:, 2] != end[:, 2])), 2]
-        state.top = float(highest.max(initial=state.top))
-        laid = self._paid(volume)
+        laid, self.owed = paid(volume, self.owed)
         lays = moved & (laid > 0)
         if self.keeps_short():
             lays |= both & (laid == 0) & (volume >= 0)
-        stops = ~lays & (moved | (start[:, 2] != end[:, 2]) | (volume < 0))
+        stops = ~lays & (moved | climbs | (volume < 0))
         road = self.road + np.cumsum(stops)
         self.road = int(road[-1])
-        if lays.any():
+        own = np.flatnonzero(lays)
+        if len(own):
             if self.base is None:
                 self.base = state.shift[2]
             self.by_length = self.by_length or not state.volumetric
-            numbers = block.first + chosen[lays]
-            tools = np.full(len(numbers), self.tool)
-            values = (start[lays], end[lays], laid[lays], numbers, road[lays], tools)
-            self._keep(values)
-        fed = feed[np.isfinite(feed)]
-        if len(fed):
-            state.run_at(float(fed[-1]) / 60)
-        state.on_bed = (float(end[-1, 0]), float(end[-1, 1]), float(end[-1, 2]))
-        moves = np.flatnonzero(plain)
-        if len(moves):
-            state.motion = block.text(int(chosen[moves[-1]]))[:2]
-        told = zip("XYZE", (x, y, z, e[~plain] if state.relative_e else e), strict=True)
-        state.know({name for name, each in told if np.isfinite(each).any()})
+            numbers = block.first + chosen[own]
+            ends = (each.take(own, axis=1).T for each in (start, end))
+            values = (*ends, laid[own], numbers, road[own], self.tool)
+            self._keep(values, len(own))
         self.line = block.first + int(chosen[-1])
-
-    def _pushed(self, e: Floats, plain: NDArray[np.bool_], has_e: NDArray[np.bool_]) -> Floats:
-        """mm^3 that each line pushes out; the state's E is moved on."""
-        state = self.state
-        if has_e.any():
-            self.look_at_modes()
-        if state.relative_e:
-            pushed = np.where(has_e, e, 0.0)
-            resets = np.flatnonzero(~plain)
-            last = int(resets[-1]) if len(resets) else -1
-            begun = float(e[last]) if len(resets) else state.e
-            state.e = float(np.add.accumulate([begun, *pushed[last + 1 :]])[-1])
-            return pushed * state.gain
-        reached = np.concatenate([[state.e], e])
-        _carry(reached)
-        state.e = float(reached[-1])
-        return np.where(has_e, reached[1:] - reached[:-1], 0.0) * state.gain
-
-    def _paid(self, volume: Floats) -> Floats:
-        """What of each volume is laid once what was pulled back is returned; owed is moved on."""
-        laid = np.maximum(volume, 0.0)
-        pulls = np.flatnonzero(volume < 0)
-        if not len(pulls) and not self.owed:
-            return laid
-        pushes = np.flatnonzero(volume)
-        values = volume[pushes].tolist()
-        at, owed, count = 0, self.owed, len(pushes)
-        begins = np.searchsorted(pushes, pulls).tolist()
-        for begin in [0, *begins] if owed else begins:
-            if begin < at:
-                continue
-            at = begin
-            while at < count:
-                value = values[at]
-                if value < 0:
-                    owed -= value
-                elif owed:
-                    paid = min(owed, value)
-                    owed -= paid
-                    laid[pushes[at]] = value - paid
-                at += 1
-                if not owed:
-                    break
-        self.owed = owed
-        return laid
 
     def settle(self) -> None:
         """Rows that were taken one by one join the others."""
@@ -298,10 +240,10 @@ class _Tracker:
             table = np.array(self.rows)
             self.rows.clear()
             numbers = (table[:, column].astype(np.intp) for column in (7, 8, 9))
-            self._keep((table[:, :3], table[:, 3:6], table[:, 6], *numbers))
+            self._keep((table[:, :3], table[:, 3:6], table[:, 6], *numbers), len(table))
 
-    def _keep(self, values: tuple[NDArray, ...]) -> None:
-        begin, self.size = self.size, self.size + len(values[-1])
+    def _keep(self, values: tuple[NDArray | int, ...], count: int) -> None:
+        begin, self.size = self.size, self.size + count
         if self.size > len(self.columns["line"]):
             self.reserve(2 * self.size)
         for name, value in zip(COLUMNS, values, strict=True):
@@ -310,8 +252,8 @@ class _Tracker:
     def reserve(self, count: int) -> None:
         """Make room for so many pieces; what is not used takes no memory."""
         for name, width in _COLUMNS:
-            shape = (count, 3) if width == 3 else (count,)
-            room = np.empty(shape, float if width else np.int32)
+            # Of points all x lie together, then all y, then all z.
+            room = np.empty((3, count)).T if width == 3 else np.empty(count, _KINDS[width])
             old = self.columns.get(name, room[:0])
             room[: len(old)] = old
             self.columns[name] = room
@@ -358,10 +300,3 @@ def track(
         raise InputError(f"G-code line {tracker.line}: {error}") from None
     tracker.line = number
     return tracker.result()
-
-
-def _carry(values: Floats) -> None:
-    """Put the last number before it in the place of each nan; the first is a number."""
-    known = np.where(np.isfinite(values), np.arange(len(values)), 0)
-    np.maximum.accumulate(known, out=known)
-    values[:] = values[known]

@@ -5,9 +5,9 @@ from math import sqrt
 
 from fdjax.moves import Move
 
-_WINDOW = 512
+WINDOW = 512
 """Moves looked at together; half as many are looked ahead at least. Firmware has 16 or more."""
-_STRAIGHT = 1e-12
+STRAIGHT = 1e-12
 """Square of the bend, in radians, that is the rounding of a straight line."""
 
 _REST = (0.0, 0.0, 0.0)
@@ -71,7 +71,7 @@ class MotionTime:
         bend = (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2
         slower = self._speed if 0.0 < self._speed < speed else speed
         entry = slower * slower
-        if bend * entry > self._corner and bend > _STRAIGHT:
+        if bend * entry > self._corner and bend > STRAIGHT:
             entry = self._corner / bend
         self._direction = (x, y, z)
         self._speed = speed
@@ -79,7 +79,7 @@ class MotionTime:
         if not pending:
             self._entry = entry
         pending.append((entry, length, speed, self._road if volume else self._travel))
-        if len(pending) >= _WINDOW:
+        if len(pending) >= WINDOW:
             self._plan()
 
     def mark(self) -> None:

@@ -11,7 +11,7 @@ from fdjax.gcode.settings import Settings
 from fdjax.gcode.words import Refused
 from fdjax.moves import Point, Position
 
-_SLOWEST = 1e-3
+SLOWEST = 1e-3
 """mm/s; what F0 is taken for, where it is taken."""
 
 
@@ -108,7 +108,7 @@ class Record:
         self.motion = self.motion or self.firmware.first_motion
         self.weigh()
         self.speed = self.firmware.first_speed if self.speed < 0 else self.speed
-        self.pace = max(self.speed * self.speed_factor, _SLOWEST)
+        self.pace = max(self.speed * self.speed_factor, SLOWEST)
         self.measure_by()
 
     def measure_by(self, **modes: float) -> None:
@@ -145,7 +145,7 @@ class Record:
             if self.firmware.no_speed == "ignored":
                 speed = self.speed
         self.speed = speed
-        self.pace = max(speed * self.speed_factor, _SLOWEST)
+        self.pace = max(speed * self.speed_factor, SLOWEST)
 
     def race(self, factor: float) -> None:
         """Set the factor of all speeds (M220)."""

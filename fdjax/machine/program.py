@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -21,6 +21,8 @@ from fdjax.machine.sml_state import SmlState
 _LAYER = re.compile(r"\W*fdjax layer |;\s*(LAYER:|LAYER_CHANGE)")
 _LOOK = 256
 """Lines after which the file is looked at again, whether it is the one that was checked."""
+_CHUNK = 1 << 18
+"""Bytes that are read together."""
 _FACT = re.compile(r"\W*fdjax (\S+) = (.*)")
 
 
@@ -110,6 +112,20 @@ class Program:
                 if number % _LOOK == 0:
                     self._check()
                 yield number, line
+        self._check()
+
+    def chunks(self) -> Iterator[bytes]:
+        """The lines' bytes, many lines at a time, each line with an end like that of `lines`.
+
+        Raises `InputError` once the file has changed.
+        """
+        self._check()
+        with self.path.open("rb") as file:
+            chunk = file.read(_CHUNK).removeprefix(BOM_UTF8)
+            while chunk := chunk + file.readline():
+                self._check()
+                yield chunk.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+                chunk = file.read(_CHUNK)
         self._check()
 
     def commands(self, after: int = 0) -> Iterator[Command]:

@@ -204,22 +204,26 @@ def _clipped(outline: Outline, x: Floats, y: Floats) -> Clip:
 def _deposits(build: Build, x: Floats, y: Floats) -> Floats:
     """Volume deposited in each window, shape (nx, ny)."""
     shape = (len(x) - 1, len(y) - 1)
-    side = x[1] - x[0]
+    corner, side = np.array([[x[0]], [y[0]]]), x[1] - x[0]
     total = np.zeros(shape)
     for layer in build.layers:
         segments = Segments.of(layer.roads)
-        per_length = segments.areas(layer.height)
+        volume = segments.areas(layer.height) * segments.length
         # In units of windows, so that edges are whole numbers.
-        start, end = (_snapped((xy - [x[0], y[0]]) / side) for xy in (segments.start, segments.end))
-        owner, share, middle = _split(start, end)
+        start, end = (
+            _snapped((np.ascontiguousarray(xy.T) - corner) / side)
+            for xy in (segments.start, segments.end)
+        )
+        volume, middle = _split(start, end, volume)
         middle = _snapped(middle)
-        index = np.floor(middle).astype(int)
+        i, j = np.floor(middle).astype(int)
         # The last edge of all has no window beyond it.
-        index -= (middle == shape) & (index == shape)
-        inside = ((index >= 0) & (index < shape)).all(1)
-        volume = (per_length * segments.length)[owner] * share
-        flat = np.ravel_multi_index(tuple(index[inside].T), shape)
-        total += np.bincount(flat, volume[inside], total.size).reshape(shape)
+        for index, place, count in zip((i, j), middle, shape, strict=True):
+            index -= (place == count) & (index == count)
+        inside = (i >= 0) & (i < shape[0]) & (j >= 0) & (j < shape[1])
+        if not inside.all():
+            i, j, volume = i[inside], j[inside], volume[inside]
+        total += np.bincount(i * shape[1] + j, volume, total.size).reshape(shape)
     return total
 
 
@@ -228,16 +232,23 @@ def _snapped(u: Floats) -> Floats:
     return np.where(np.abs(u - whole) < 1e-9, whole, u)
 
 
-def _split(start: Floats, end: Floats) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """Split segments where a coordinate is whole: owner, share of the length, middle of each."""
-    owners = [np.arange(len(start)), np.arange(len(start))]
-    shares = [np.zeros(len(start)), np.ones(len(start))]
-    for axis in (0, 1):
-        a, b = start[:, axis], end[:, axis]
-        low = np.floor(np.minimum(a, b)) + 1
-        count = np.maximum(np.ceil(np.maximum(a, b)) - low, 0).astype(int)
-        owner = np.repeat(np.arange(len(a)), count)
-        step = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+def _split(start: Floats, end: Floats, volume: Floats) -> tuple[Floats, Floats]:
+    """Segments split where a coordinate is whole: volumes and middles of the pieces.
+
+    Points have shape (2, n). Of a segment that is split nothing is left in its own place.
+    """
+    first = np.floor(np.minimum(start, end)) + 1
+    count = np.maximum(np.ceil(np.maximum(start, end)) - first, 0).astype(int)
+    middle = (start + end) / 2
+    cut = np.flatnonzero(count.any(0))
+    if not len(cut):
+        return volume, middle
+    start, end, first, count = start[:, cut], end[:, cut], first[:, cut], count[:, cut]
+    owners = [np.arange(len(cut)), np.arange(len(cut))]
+    shares = [np.zeros(len(cut)), np.ones(len(cut))]
+    for a, b, low, many in zip(start, end, first, count, strict=True):
+        owner = np.repeat(np.arange(len(a)), many)
+        step = np.arange(len(owner)) - np.repeat(np.cumsum(many) - many, many)
         owners.append(owner)
         shares.append((low[owner] + step - a[owner]) / (b - a)[owner])
     owner, at = np.concatenate(owners), np.concatenate(shares)
@@ -245,8 +256,11 @@ def _split(start: Floats, end: Floats) -> tuple[NDArray[np.intp], Floats, Floats
     owner, at = owner[order], at[order]
     within = owner[1:] == owner[:-1]
     owner, low, high = owner[1:][within], at[:-1][within], at[1:][within]
-    middle = start[owner] + ((low + high) / 2)[:, None] * (end - start)[owner]
-    return owner, high - low, middle
+    pieces = volume[cut][owner] * (high - low)
+    volume = volume.copy()
+    volume[cut] = 0.0
+    middles = start[:, owner] + (low + high) / 2 * (end - start)[:, owner]
+    return np.concatenate([volume, pieces]), np.concatenate([middle, middles], 1)
 
 
 def solid_shares(build: Build, outlines: Sequence[Outline], *, step: float = 0.5) -> Floats:

@@ -24,9 +24,9 @@ class Segments:
 
     - `start`, `end`: shape (n, 2), mm; `width`, `length`: shape (n,), mm. `section`: mm^2, nan
       where it is that of the width in the layer's height.
-    - `road`: index of the road of each segment; `at`: position of its start along that road, mm.
-    - `road_length`, `road_ends` (roads, 2, 2), `closed`, `family`, `of_graph`: of each road; the
-      families are numbered.
+    - `road`: index of the road of each segment.
+    - `road_ends` (roads, 2, 2), `closed`, `family`, `of_graph`: of each road; the families are
+      numbered.
     """
 
     start: Floats
@@ -35,8 +35,6 @@ class Segments:
     section: Floats
     length: Floats
     road: Ints
-    at: Floats
-    road_length: Floats
     road_ends: Floats
     closed: NDArray[np.bool_]
     family: Ints
@@ -53,7 +51,7 @@ class Segments:
         if not roads:
             none = np.zeros(0)
             return cls(np.zeros((0, 2)), np.zeros((0, 2)), none, none, none, np.zeros(0, int),
-                       none, none, np.zeros((0, 2, 2)), closed, family, of_graph)  # fmt: skip
+                       np.zeros((0, 2, 2)), closed, family, of_graph)  # fmt: skip
         paths = [road.path for road in roads]
         start = np.concatenate([path[:-1] for path in paths])
         end = np.concatenate([path[1:] for path in paths])
@@ -71,15 +69,17 @@ class Segments:
     @classmethod
     def _flat(cls, roads: Roads) -> "Segments":
         section = np.full(len(roads.width), np.nan) if roads.section is None else roads.section
+        owner = roads.owner
+        first = np.arange(len(owner)) + owner
         ends = np.stack([roads.points[roads.first[:-1]], roads.points[roads.first[1:] - 1]], 1)
         family = np.unique(roads.family, return_inverse=True)[1]
         lines = np.array([name in NO_NODES for name in roads.names])
         return cls._lasting(
-            roads.starts,
-            roads.ends,
+            roads.points.take(first, axis=0),
+            roads.points.take(first + 1, axis=0),
             roads.width,
             section,
-            roads.owner,
+            owner,
             ends,
             roads.closed,
             family,
@@ -100,16 +100,24 @@ class Segments:
         of_graph: NDArray[np.bool_],
     ) -> "Segments":
         """Those of the segments that have a length."""
-        length = np.hypot(*(end - start).T)
+        run, rise = (end - start).T
+        length = np.sqrt(run * run + rise * rise)
         keep = length > 0
-        start, end, width, section = start[keep], end[keep], width[keep], section[keep]
-        owner, length = owner[keep], length[keep]
-        total = np.bincount(owner, length, len(ends)).astype(float)
-        walked = np.cumsum(length) - length
-        at = walked - (np.cumsum(total) - total)[owner]
-        return cls(
-            start, end, width, section, length, owner, at, total, ends, closed, family, of_graph
-        )
+        if not keep.all():
+            start, end, width, section = start[keep], end[keep], width[keep], section[keep]
+            owner, length = owner[keep], length[keep]
+        return cls(start, end, width, section, length, owner, ends, closed, family, of_graph)
+
+    @cached_property
+    def road_length(self) -> Floats:
+        """Length of each road, mm."""
+        return np.bincount(self.road, self.length, len(self.closed)).astype(float)
+
+    @cached_property
+    def at(self) -> Floats:
+        """Position of each segment's start along its road, mm."""
+        total = self.road_length
+        return np.cumsum(self.length) - self.length - (np.cumsum(total) - total)[self.road]
 
     def areas(self, height: float) -> Floats:
         """Section of each in a layer of this height, shape (n,), mm^2."""

@@ -146,14 +146,11 @@ class Roads(Sequence[Road]):
         return np.repeat(np.arange(len(self)), np.diff(self.first) - 1)
 
     @property
-    def starts(self) -> Floats:
-        """First point of each segment, shape (segments, 2), mm."""
-        return np.delete(self.points, self.first[1:] - 1, axis=0)
-
-    @property
-    def ends(self) -> Floats:
-        """Last point of each segment, shape (segments, 2), mm."""
-        return np.delete(self.points, self.first[:-1], axis=0)
+    def lengths(self) -> Floats:
+        """Of each segment, shape (segments,), mm."""
+        run, rise = np.diff(self.points, axis=0).T
+        # Between two roads is no segment.
+        return np.delete(np.sqrt(run * run + rise * rise), self.first[1:-1] - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +191,7 @@ class Layer:
         if isinstance(roads, Roads):
             section = section_area(roads.width, self.height)
             section = section if roads.section is None else roads.section
-            return float((section * np.hypot(*(roads.ends - roads.starts).T)).sum())
+            return float((section * roads.lengths).sum())
         return float(sum(road.segment_volumes(self.height).sum() for road in roads))
 
     @property

@@ -90,5 +90,5 @@ def test_plain_lines_are_those_that_nothing_can_be_wrong_with(line, plain):
     assert block.plain.tolist() == [plain]
     assert block.others.tolist() == [not plain]
     if plain:
-        told = {name: v for name, v in zip("XYZEF", block.words[0], strict=True) if v == v}
+        told = {name: v for name, v in zip("XYZEF", block.words[:, 0], strict=True) if v == v}
         assert told == words_of(code_of(line), 2)

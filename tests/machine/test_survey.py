@@ -10,8 +10,9 @@ import pytest
 
 from fdjax.errors import InputError
 from fdjax.formats import profile, read_file, write_file
+from fdjax.machine.findings import LONGEST
 from fdjax.machine.program import Program
-from fdjax.machine.survey import LONGEST, survey
+from fdjax.machine.survey import survey
 
 sys.path.append(str(Path(__file__).parents[1] / "formats"))
 from format_samples import small_build
@@ -356,14 +357,21 @@ def peak():
     return int(re.search(r"VmHWM:\\s*(\\d+)", Path("/proc/self/status").read_text())[1])
 
 seen = []
-program = Program(Path(sys.argv[1]), profile.load("marlin-0.4"))
-survey(program, progress=lambda _: seen.append(peak()))
-assert not {"numpy", "shapely", "jax", "matplotlib"} & sys.modules.keys()
+small, large = (Program(Path(each), profile.load("marlin-0.4")) for each in sys.argv[1:])
+survey(small)
+assert "numpy" not in sys.modules
+survey(large, progress=lambda _: seen.append(peak()))
+assert not {"shapely", "jax", "matplotlib"} & sys.modules.keys()
 print(seen[0], seen[-1])
 """
     path = large(tmp_path / "large.gcode")
+    small = tmp_path / "small.gcode"
+    small.write_text(GOOD)
     run = subprocess.run(
-        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", script, str(small), str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     first, last = map(int, run.stdout.split())  # kB, after a tenth of the file and at its end
     assert last < 60_000
