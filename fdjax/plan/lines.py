@@ -21,6 +21,9 @@ from fdjax.road.stroke import LONGEST_JOIN, Lines
 
 Floats = NDArray[np.float64]
 
+MUCH_TRAVEL = 0.013
+"""Share of the length of the lines of a layer."""
+
 WORTH_OTHER_PARITY = 10.0
 """Travel, mm, that a layer of the other parity than asked must save."""
 
@@ -88,8 +91,9 @@ def lay_lines(
         longest_join=LONGEST_JOIN if longest_join is None else longest_join,
     )
     points = np.concatenate([piece.xy[[0, -1]] for piece in pieces])
+    much = MUCH_TRAVEL * float(chords.length.sum())
     asked, other = (
-        relinked(ways, choose(ways, level, parity, near), near, points, lift_length)
+        relinked(ways, choose(ways, level, parity, near), near, points, lift_length, much)
         for parity in (lines.parity, 1 - lines.parity)
     )
     # The parity that was asked covers the walls evenly.

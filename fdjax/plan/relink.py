@@ -24,9 +24,12 @@ _FURTHEST = 60
 _MOST_ROADS = 16
 """With more roads than this free ends are too many to be tried."""
 
-_UNEVEN = 0.5
+_UNEVEN = 2.0
 """So many mm of travel must be saved by each mm of wall that is covered otherwise than was asked:
 the joins that were asked for cover the walls evenly over all layers."""
+
+_UNEVEN_AT_NEED = 0.5
+"""The same where that leaves much travel."""
 
 
 def relinked(
@@ -35,21 +38,26 @@ def relinked(
     near: Iterable[tuple[int, int]],
     points: Floats,
     lift_length: float,
+    much: float = 0.0,
 ) -> Relinked:
     """The ways that are made, with less travel between the roads where that can be had.
 
     A free end moves along its wall when it takes the partner of a neighbour, whose partner is then
-    free; where it comes to a free end of another road the two are joined, by a way that is `far` if
-    need be. The free ends are so moved, one after the other, while travel and lifts get less. Never
-    a ring.
+    free; where it comes to a free end of another road the two are joined. The free ends are so
+    moved, one after the other, while travel and lifts get less. Never a ring. Where that leaves
+    much travel it is done anew with less regard for how evenly the walls are covered, and by ways
+    that are `far`, too.
 
     - `chosen`: numbers of the ways that are made; `near`: pairs of ways of which one excludes the
       other; `points`: of all ends, shape (ends, 2), mm.
-    - `lift_length`: a lift counts as so much travel, mm.
+    - `lift_length`: a lift counts as so much travel, mm; `much`: travel without lifts, mm.
     """
-    search = _Search(ways, chosen, near, points, lift_length)
-    while search.shorten():
-        pass
+    for uneven, far in ((_UNEVEN, False), (_UNEVEN_AT_NEED, True)):
+        search = _Search(ways, chosen, near, points, lift_length, uneven, far)
+        while search.shorten():
+            pass
+        if search.travel <= much:
+            break
     joins = Joins.of(ways[number] for number in sorted(set(search.made.values())))
     return Relinked(joins, search.cost)
 
@@ -64,10 +72,14 @@ class _Search:
         near: Iterable[tuple[int, int]],
         points: Floats,
         lift_length: float,
+        uneven: float = _UNEVEN,
+        far: bool = False,
     ) -> None:
         self.point: list[complex] = (points[:, 0] + 1j * points[:, 1]).tolist()
         self.ends = [way.ends for way in ways]
         self.length = [way.length for way in ways]
+        self.is_far = [way.far for way in ways]
+        self.uneven, self.far = uneven, far
         self.lift = lift_length
         self.made: dict[int, int] = {}
         self.from_end: list[list[int]] = [[] for _ in self.point]
@@ -81,6 +93,11 @@ class _Search:
         for number in chosen:
             self._make(number)
         self.cost = self._cost(self._roads())
+
+    @property
+    def travel(self) -> float:
+        """Without lifts, mm."""
+        return self.cost - self.lift * len(self._roads())
 
     def shorten(self) -> bool:
         """Move one free end to where travel is less; whether there is one."""
@@ -112,7 +129,7 @@ class _Search:
                 break
             self._make(number)
             if dropped is not None:
-                worth += _UNEVEN * (self.length[number] + self.length[dropped])
+                worth += self.uneven * (self.length[number] + self.length[dropped])
             cost = self._cost(self._roads())
             if cost < self.cost - worth:
                 self.cost = cost
@@ -127,6 +144,8 @@ class _Search:
 
     def _may(self, free: int, number: int) -> bool:
         """Whether nothing that stays made excludes this way."""
+        if self.is_far[number] and not self.far:
+            return False
         beside = self.made.get(self._beyond(free, number))
         return not any(
             self.made.get(self.ends[other][0]) == other and other != beside
