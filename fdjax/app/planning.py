@@ -99,7 +99,8 @@ def _best(
         )
         found.append(((errors, misses), name, own, result, plan))
     if not found:
-        raise InputError("; ".join(tried))
+        none = f"pattern: none of {', '.join(auto.tried)} suits this outline"
+        raise InputError("; ".join(tried) or f'{none}; "isolines" always does')
     _, name, own, result, plan = min(found, key=lambda each: each[0])
     return own, result, plan, [*tried, f"kept {name}"]
 

@@ -40,6 +40,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     setting.check_lines(job, part, target, main)
     for machine in machines.values():
         job.materials.check(machine)
+    if job.materials.given:
+        # A function or picture that cannot be used is told of before anything is computed.
+        job.materials.asked(part, target)
     narrow, tips = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""

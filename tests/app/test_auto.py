@@ -6,6 +6,7 @@ import pytest
 
 from fdjax.app.config import parse
 from fdjax.app.run import design
+from fdjax.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
 
@@ -26,3 +27,14 @@ def test_the_best_of_what_suits_is_kept_and_said(tmp_path):
     kind = json.loads((tmp_path / "report.json").read_text())["design"]["pattern"]["kind"]
     assert kind == {"transfinite": "grid-lines", "blocks": "blocks"}[kept]
     assert (tmp_path / "part.gcode").exists()
+
+
+def test_where_nothing_suits_it_is_said(tmp_path):
+    job = parse({
+        "files": ["gcode"],
+        "part": {"shape": "rectangle", "size": ["20mm", "15mm"]},
+        "target": {"solid": 0.3},
+        "pattern": {"kind": "auto", "tried": ["polar"]},
+    })  # fmt: skip
+    with pytest.raises(InputError, match="none of polar suits this outline"):
+        design(job, tmp_path, progress=lambda _: None)

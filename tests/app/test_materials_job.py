@@ -81,3 +81,11 @@ def test_a_material_that_the_machine_lacks_is_refused_before_any_work(tmp_path):
     with pytest.raises(InputError, match=r"tool 1 is asked for, but marlin-0\.4 has 1"):
         design(job, tmp_path, progress=lambda text: None)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_function_that_is_not_finite_is_refused_before_any_work(tmp_path):
+    job = job_of(tmp_path, {"function": "1/(x-x)"})
+    said: list[str] = []
+    with pytest.raises(InputError, match="the function is inf at"):
+        design(job, tmp_path, progress=said.append)
+    assert said == []
