@@ -66,7 +66,8 @@ def test_rounding_hooks_no_road_across_itself(turn):
     # A line that meets a wall at a small angle, and goes back along it: a step beside itself.
     hook = np.array([(1.4, -31), (0.3, 0.3), (0.4, -0.6), (1.4, -2.4), (3, -6)])
     around = np.array([(0, -1), (1, 0)])
-    for xy in (hook, hook[::-1], hook * (-1, 1)):
+    corner = np.array([(-2, -16), (-0.1, 1), (0.04, 7), (0.08, 0), (33, 0)])
+    for xy in (hook, hook[::-1], hook * (-1, 1), corner, corner[::-1]):
         assert LineString(xy).is_simple
         placed = MICROSTEP * (xy @ np.linalg.matrix_power(around, turn) + 2000)
         (road,) = fitted_roads(Road(placed, 0.4 + 0.05 * np.arange(4)))
