@@ -4,7 +4,7 @@ from unittest import mock
 
 import pytest
 
-from fdjax.app import config, run, setting
+from fdjax.app import config, planning, run, setting
 from fdjax.app.cli import main
 
 JOB = """
@@ -28,7 +28,7 @@ LINE, SIDE = "{ polyline = [[0, 0], [60, 0]] }", "{ polyline = [[60, 0], [60, 40
 def refused(tmp_path, capsys, **tables):
     job = tmp_path / "job.toml"
     job.write_text(JOB.format(**{"target": 'solid = "0.2"', "pattern": "", **tables}))
-    with mock.patch.object(run, "solve", side_effect=AssertionError("computing has begun")):
+    with mock.patch.object(planning, "solve", side_effect=AssertionError("computing has begun")):
         assert main(["design", str(job), "--out", str(tmp_path / "out"), "--quiet"]) == 2
     assert not (tmp_path / "out").exists()
     said = capsys.readouterr().err
