@@ -4,7 +4,7 @@ from unittest import mock
 
 import pytest
 
-from fdjax.app import config, planning, run, setting
+from fdjax.app import config, planning, setting
 from fdjax.app.cli import main
 
 JOB = """
