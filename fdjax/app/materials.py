@@ -130,11 +130,11 @@ class Materials:
             whole_part += float(solid.sum())
         return above / whole_part
 
-    def laid(self, part: Part, target: Target, build: Build) -> dict[str, Any]:
+    def laid(self, part: Part, asked: float, build: Build) -> dict[str, Any]:
         """What a file holds of the two materials.
 
-        `volumes` by number, mm^3; `got`, `asked`: share of the second by volume, and what `asked`
-        says of the part; `changes` of tool on the way; and where whole roads are asked at their
+        `volumes` by number, mm^3; `got`, `asked`: share of the second by volume, and what it was to
+        be; `changes` of tool on the way; and where whole roads are asked at their
         centres, `wrong`: how many of the file's roads are not of the material of theirs. A format
         that cuts roads in two may count as wrong what is not.
         """
@@ -145,7 +145,7 @@ class Materials:
         facts = {
             "volumes": {str(k): float(volumes[material == k].sum()) for k in np.unique(material)},
             "got": float(volumes[second].sum()) / total if total else 0.0,
-            "asked": self.asked(part, target),
+            "asked": asked,
             "changes": changes(build),
         }
         if self.share is None and not self.split:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,17 +88,13 @@ def _best(
             continue
         # As it would be written, but for the file's steps.
         trimmed = trimmed_to(own, result, plan, machine)
-        errors, misses = _quality(own, trimmed, machine, target)
-        errors += not result.made
-        plain, shifted = (
-            compare(measure(trimmed, window=job.target.window, shift=shift), target).rms
-            for shift in SHIFTS
-        )
+        seen = _quality(own, trimmed, machine, target)
+        errors = seen.errors + (not result.made)
         tried.append(
-            f"tried {name}: RMS {plain:.4f}, shifted {shifted:.4f} on its roads"
+            f"tried {name}: RMS {seen.rms:.4f}, shifted {seen.shifted:.4f} on its roads"
             + (f", {errors} kinds of errors" if errors else "")
         )
-        found.append(((errors, misses), name, own, result, plan))
+        found.append(((errors, seen.misses), name, own, result, plan))
     if not found:
         none = f"pattern: none of {', '.join(auto.tried)} suits this outline"
         raise InputError("; ".join(tried) or f'{none}; "isolines" always does')
@@ -110,33 +107,38 @@ def _planned(
 ) -> tuple[Design, Build]:
     """The design and its plan, corrected and counted anew where that makes the plan better."""
     plan = plan_of(job, result, machine)
-    best = result, plan, _faultiness(job, plan, machine, target)
+    made = [(result, plan)]
     for _ in range(job.pattern.corrections):
         result = result.corrected(*plan.deposits(job.target.window / 4), progress=show)
         plan = plan_of(job, result, machine)
-        faultiness = _faultiness(job, plan, machine, target)
-        if faultiness < best[2]:
-            best = result, plan, faultiness
-    result, plan, _ = best
+        made.append((result, plan))
+    if len(made) > 1:
+        result, plan = min(made, key=lambda each: _quality(job, each[1], machine, target))
     recounted = result.recounted(plan.volume)
     return (result, plan) if recounted is result else (recounted, plan_of(job, recounted, machine))
 
 
-def _faultiness(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[int, float]:
-    """What `_quality` says, where it is asked for."""
-    return _quality(job, plan, machine, target) if job.pattern.corrections else (0, 0.0)
-
-
-def _quality(job: Job, plan: Build, machine: Machine, target: Target) -> tuple[int, float]:
-    """Errors of a plan, and how far its windows, where they are and shifted by half, and its mean
-    are from the target: weighed as in design.
+class _Quality(NamedTuple):
+    """Kinds of errors of a plan; how far its windows, where they are and shifted by half, and its
+    mean are from the target, weighed as in design; and the RMS of both windows.
     """
+
+    errors: int
+    misses: float
+    rms: float
+    shifted: float
+
+
+def _quality(job: Job, plan: Build, machine: Machine, target: Target) -> _Quality:
     found = checked(job, plan, machine)
-    misses = 0.0
-    for shift in SHIFTS:
-        seen = compare(measure(plan, window=job.target.window, shift=shift), target)
-        misses += seen.rms**2 + (WHOLE * (seen.mean_got - seen.mean_asked)) ** 2
-    return sum(each.severity == "error" for each in found), misses
+    plain, shifted = (
+        compare(measure(plan, window=job.target.window, shift=shift), target) for shift in SHIFTS
+    )
+    misses = sum(
+        each.rms**2 + (WHOLE * (each.mean_got - each.mean_asked)) ** 2 for each in (plain, shifted)
+    )
+    errors = sum(each.severity == "error" for each in found)
+    return _Quality(errors, misses, plain.rms, shifted.rms)
 
 
 def checked(job: Job, build: Build, machine: Machine) -> tuple[Finding, ...]:

@@ -9,7 +9,7 @@ from threading import Thread
 
 from fdjax.app import setting
 from fdjax.app.config import Job
-from fdjax.app.planning import checked, designed, least_road, plan_of, trimmed_to
+from fdjax.app.planning import SHIFTS, checked, designed, least_road, plan_of, trimmed_to
 from fdjax.app.report import Written, faults_of, report_of, table_of
 from fdjax.errors import DesignError, InputError
 from fdjax.formats import module, read_file
@@ -40,9 +40,8 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     setting.check_lines(job, part, target, main)
     for machine in machines.values():
         job.materials.check(machine)
-    if job.materials.given:
-        # A function or picture that cannot be used is told of before anything is computed.
-        job.materials.asked(part, target)
+    # A function or picture that cannot be used is told of before anything is computed.
+    second = job.materials.asked(part, target) if job.materials.given else 0.0
     narrow, tips = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
@@ -72,7 +71,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             shares = solid_shares(written[-1].build, outlines)
             written[-1] = replace(written[-1], subdomains=tuple(shares.tolist()))
         if job.materials.given:
-            laid = job.materials.laid(part, target, written[-1].build)
+            laid = job.materials.laid(part, second, written[-1].build)
             written[-1] = replace(written[-1], materials=laid)
     notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips, *tried]
     faults = faults_of(job, result, written)
@@ -110,7 +109,7 @@ def _written(job: Job, path: Path, build: Build, machine: Machine, target: Targe
     path.write_text(module(path).write(build, machine), encoding="utf-8")
     read = read_file(path, machine=machine)
     window = job.target.window
-    measurement = measure(read, window=window)
+    measurement, shifted = (measure(read, window=window, shift=shift) for shift in SHIFTS)
     return Written(
         path,
         machine,
@@ -120,7 +119,7 @@ def _written(job: Job, path: Path, build: Build, machine: Machine, target: Targe
         checked(job, build, machine),
         measurement,
         compare(measurement, target),
-        compare(measure(read, window=window, shift=(0.5, 0.5)), target),
+        compare(shifted, target),
         coverage(read),
     )
 

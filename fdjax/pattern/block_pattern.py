@@ -18,11 +18,12 @@ from fdjax.grid.spacing import DensitySpacing
 from fdjax.limits import Limits
 from fdjax.part.blocks import Band, Blocks, padded
 from fdjax.pattern.base import AbstractPattern, Penalties
-from fdjax.pattern.width import within
+from fdjax.pattern.block_tracing import edges, squeezed, traced
+from fdjax.pattern.width import PlacedWidth
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.patches import Families, patch_deposit
-from fdjax.road.porosity import Lattice, Margins, Samples
+from fdjax.road.porosity import Lattice, Samples
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
 from fdjax.road.stroke import Lines
 
@@ -33,9 +34,6 @@ PRESS = 0.25
 
 PATIENCE = 0.01
 """Steps cost little beside compiling."""
-
-RAMP = 0.3
-"""Share of a block over which lines come back that keep off a wall of the block before."""
 
 FOLD_FLOOR = 0.02
 """J over its block's mean below which design is pushed back from folding."""
@@ -121,29 +119,6 @@ class Structure:
     @classmethod
     def of(cls, blocks: Blocks) -> "Structure":
         return cls(blocks.bands, tuple(blocks.sides[key].polyline() for key in blocks.broken))
-
-
-class PlacedWidth(eqx.Module):
-    """Road width, mm, as a function of the place: one number, or a spline over a box."""
-
-    free: Float[Array, "..."]
-    low: Float[Array, " 2"]
-    high: Float[Array, " 2"]
-    range: tuple[float, float]
-
-    def __call__(self, xy: Float[Array, "... 2"]) -> Float[Array, "..."]:
-        if self.free.ndim == 0:
-            return jnp.full(xy.shape[:-1], within(self.free, *self.range))
-        place = (xy - self.low) / (self.high - self.low)
-        return within(bspline.field(self.free, place[..., 0], place[..., 1]), *self.range)
-
-    @property
-    def ends(self) -> tuple[Array, Array]:
-        """Least and largest on a lattice, mm."""
-        run = jnp.linspace(0, 1, 33)
-        place = jnp.stack(jnp.meshgrid(run, run), -1)
-        width = self(self.low + place * (self.high - self.low))
-        return width.min(), width.max()
 
 
 class Realised(NamedTuple):
@@ -323,19 +298,19 @@ class BlockLines(AbstractPattern):
         grid, width = _shape(self, controls)
         combs = self.whole_counts(controls)
         walls = np.asarray(self.places.walls)
-        edges = [
-            jax.tree.map(np.asarray, _edges(grid, width, block, points))
+        around = [
+            jax.tree.map(np.asarray, edges(grid, width, block, points))
             for block in np.arange(len(walls))
         ]
-        traced = [
-            _traced(grid, width, band, comb, _squeezed(band, edges, walls))
+        lines = [
+            traced(grid, width, band, comb, squeezed(band, around, walls))
             for band, comb in zip(self.structure.bands, combs, strict=True)
         ]
         made: dict[Scan, Lines] = {}
         for layer in self.stacking.scans:
             for scan in layer:
                 if scan not in made:
-                    made[scan] = self._lines(scan, traced)
+                    made[scan] = self._lines(scan, lines)
             yield [made[scan] for scan in layer]
 
     def _lines(self, scan: Scan, traced: list[tuple[Floats, Floats]]) -> Lines:
@@ -394,90 +369,3 @@ _MISSED = 3e-3
 @eqx.filter_jit
 def _shape(pattern: BlockLines, controls: BlockControls) -> tuple[AbstractGridMap, PlacedWidth]:
     return pattern.grid(controls), pattern.road_width(controls)
-
-
-_BATCH = 32
-
-
-@eqx.filter_jit
-def _edges(grid: AbstractGridMap, width: PlacedWidth, block: Any, points: int) -> Margins:
-    own, run, ends = _one(grid, block), jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
-    _, across = tangents(own, ends[:, None], run[None])
-    _, beside = tangents(own, run[:, None], ends[None])
-    return Margins.of(across, beside, width.ends[1] / 2)
-
-
-def _squeezed(band: Band, edges: list[Margins], walls: Floats) -> list[tuple[Floats, Floats]]:
-    """How far a band's lines keep from the walls at its two sides, for each of its stretches.
-
-    As shares of the band's breadth, at points along the lines. Where a wall ends the lines come
-    back slowly, so that they have no step there.
-    """
-    found = []
-    for stretch in band.stretches:
-        edge = edges[stretch.block]
-        sides = [(edge.left, 3), (edge.right, 1)]
-        if stretch.axis == 1:
-            sides = [(edge.bottom, 0), (edge.top, 2)]
-        pair = [margin * walls[stretch.block, k] for margin, k in sides]
-        pair = pair[::-1] if stretch.turned else pair
-        found.append([margin[::-1] if stretch.back else margin for margin in pair])
-    count = len(found)
-    ramp = np.maximum(1 - np.linspace(0, 1, len(found[0][0])) / RAMP, 0.0)
-    smooth = [[margin.copy() for margin in pair] for pair in found]
-    for k in range(count if band.closed else count - 1):
-        after = (k + 1) % count
-        for side in (0, 1):
-            end, begin = found[k][side][-1], found[after][side][0]
-            # Both come to the larger of the two at the join.
-            joint = max(end, begin)
-            smooth[k][side] += (joint - end) * ramp[::-1]
-            smooth[after][side] += (joint - begin) * ramp
-    return [(first, last) for first, last in smooth]
-
-
-def _traced(
-    grid: AbstractGridMap,
-    width: PlacedWidth,
-    band: Band,
-    comb: int,
-    margins: list[tuple[Floats, Floats]],
-) -> tuple[Floats, Floats]:
-    """Points of a band's lines and their widths; higher levels lie on the right."""
-    more, points = -comb % _BATCH, len(margins[0][0])
-    places = np.append((np.arange(comb) + 0.5) / comb, np.full(more, 0.5))[:, None]
-    run = np.linspace(0, 1, points)[None]
-    xy, widths = [], []
-    for number, (stretch, (first, last)) in enumerate(zip(band.stretches, margins, strict=True)):
-        own = places + first * (1 - places) - last * places
-        own = 1 - own if stretch.turned else own
-        along = np.broadcast_to(1 - run if stretch.back else run, own.shape)
-        pair = (own, along) if stretch.axis == 0 else (along, own)
-        pieces = [
-            _batch(grid, width, np.asarray(stretch.block), *(each[k : k + _BATCH] for each in pair))
-            for k in range(0, len(own), _BATCH)
-        ]
-        course, wide = map(np.concatenate, zip(*pieces, strict=True))
-        xy.append(course[:comb, 1 if number else 0 :])
-        widths.append(wide[:comb])
-    course, wide = np.concatenate(xy, 1), np.concatenate(widths, 1)
-    if band.closed:
-        course[:, -1] = course[:, 0]
-    start = band.stretches[0]
-    if (start.axis == 0) == (start.turned == start.back):
-        return course, wide
-    return course[:, ::-1], wide[:, ::-1]
-
-
-def _one(grid: AbstractGridMap, block: Any) -> Any:
-    """The map of one block."""
-    arrays, rest = eqx.partition(grid, eqx.is_array)
-    return eqx.combine(jax.tree.map(lambda part: part[block], arrays), rest)
-
-
-@eqx.filter_jit
-def _batch(
-    grid: AbstractGridMap, width: PlacedWidth, block: Any, xi: Any, eta: Any
-) -> tuple[Array, Array]:
-    xy = _one(grid, block)(xi, eta)
-    return xy, width((xy[:, 1:] + xy[:, :-1]) / 2)

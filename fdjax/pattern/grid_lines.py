@@ -17,6 +17,7 @@ from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Panel, Penalties
+from fdjax.pattern.grid_tracing import margins, spiral, traced
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
@@ -246,8 +247,8 @@ class GridLines(AbstractPattern):
             for family, comb in zip(FAMILIES, self.comb, strict=True)
         )
         shape = _shape(self, controls)
-        edge = _margins(*shape, points, closed=self.closed)
-        traced = _traced(*shape, edge, (xi, eta))
+        edge = margins(*shape, points, closed=self.closed)
+        lines = traced(*shape, edge, (xi, eta))
         starts = np.zeros(len(eta), int)
         if self.apart is not None:
             starts = self._starts(np.asarray(_spacing(self, shape[0], eta, points)))
@@ -255,7 +256,7 @@ class GridLines(AbstractPattern):
         for layer in self.stacking.scans:
             for scan in layer:
                 if scan not in made:
-                    xy, width = traced[FAMILIES.index(scan.family)]
+                    xy, width = lines[FAMILIES.index(scan.family)]
                     part = slice(scan.phase, None, scan.phases)
                     level, xy, width = np.arange(len(xy[part])), xy[part], width[part]
                     if self.closed and scan.family == "xi":
@@ -295,7 +296,7 @@ class GridLines(AbstractPattern):
         turn = scan.phase * pieces // scan.phases
         if self.spiral:
             count = int(float(self.comb[0]) / scan.phases * pieces)
-            xy, width = map(np.asarray, _spiral(*shape, edge, turn, pieces + 1, count))
+            xy, width = map(np.asarray, spiral(*shape, edge, turn, pieces + 1, count))
             return xy[None], width[None]
         xy = np.roll(xy[:, :-1], -turn, axis=1)
         return np.concatenate([xy, xy[:, :1]], 1), np.roll(width, -turn, axis=1)
@@ -390,68 +391,6 @@ def _shape(pattern: GridLines, controls: Controls) -> _Shape:
 def _nodes(grid: AbstractGridMap) -> Array:
     places = jnp.linspace(0, 1, QUALITY_NODES)
     return grid(places[:, None], places[None])
-
-
-@eqx.filter_jit
-def _margins(grid: AbstractGridMap, width: AbstractWidth, points: int, *, closed: bool) -> Margins:
-    """Off the walls that a family runs along, lines keep half of the widest road."""
-    run, ends = jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
-    _, xi_walls = tangents(grid, ends[:, None], run[None])
-    _, eta_walls = tangents(grid, run[:, None], ends[None])
-    return Margins.of(xi_walls, eta_walls, porosity.widest(width) / 2, closed=closed)
-
-
-_BATCH = 32
-"""Lines are traced in batches of so many, so that another count is no other program."""
-
-
-def _traced(
-    grid: AbstractGridMap, width: AbstractWidth, edge: Margins, combs: tuple[Array, Array]
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of both families, points of the lines from wall to wall, and their widths."""
-    run = jnp.linspace(0, 1, len(edge.left))
-    of_xi = combs[0][:, None] + edge.shift_xi(combs[0])
-    of_eta = combs[1][:, None] + edge.shift_eta(combs[1]).T
-    more = -(len(of_xi) + len(of_eta)) % _BATCH
-    xi, eta = (
-        np.concatenate([*lines, np.zeros((more, len(run)))]).reshape(-1, _BATCH, len(run))
-        for lines in (
-            (of_xi, np.broadcast_to(run, of_eta.shape)),
-            (np.broadcast_to(run, of_xi.shape), of_eta),
-        )
-    )
-    traced = [_batch(grid, width, *lines) for lines in zip(xi, eta, strict=True)]
-    xy, widths = map(np.concatenate, zip(*traced, strict=True))
-    families = slice(len(of_xi)), slice(len(of_xi), len(of_xi) + len(of_eta))
-    return [(xy[each], widths[each]) for each in families]
-
-
-@eqx.filter_jit
-def _batch(grid: AbstractGridMap, width: AbstractWidth, xi: Any, eta: Any) -> tuple[Array, Array]:
-    """Points of lines, and the widths between them."""
-    middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
-    return grid(xi, eta), width(middle_xi, middle_eta)
-
-
-@eqx.filter_jit
-def _spiral(
-    grid: AbstractGridMap,
-    width: AbstractWidth,
-    edge: Margins,
-    turn: int,
-    points: int,
-    count: int,
-) -> tuple[Array, Array]:
-    """Points and widths of `xi = k / count`, k from 0 to `count`, `points` - 1 to a turn.
-
-    `turn`: of these, where it begins. As many turns as lines on a layer; the phases differ in where
-    it begins, so that together they lie as the closed lines do.
-    """
-    run = jnp.linspace(0, 1, points)
-    at = (jnp.arange(count + 1) + turn) % (points - 1)
-    xi = jnp.arange(count + 1) / count
-    xi = xi + edge.left[at] - xi * (edge.left[at] + edge.right[at])
-    return grid(xi, run[at]), width((xi[1:] + xi[:-1]) / 2, (run[at[:-1]] + run[1]) / 2)
 
 
 @eqx.filter_jit

@@ -39,7 +39,7 @@ def opened(outline: Outline, width: float) -> Outline:
 def rings(outline: Outline) -> list[Floats]:
     """Closed paths (n, 2) along all sides of an outline, the first point not repeated."""
     found = []
-    for polygon in np.atleast_1d(shapely.get_parts(shapely.simplify(outline, _FINE))).tolist():
+    for polygon in shapely.get_parts(shapely.simplify(outline, _FINE)):
         if not isinstance(polygon, shapely.Polygon):
             continue
         for ring in (polygon.exterior, *polygon.interiors):

@@ -21,6 +21,7 @@ from fdjax.pattern.raster_paths import (
     raster,
     rings,
 )
+from fdjax.pattern.subdomains import places_in
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.stroke import Paths, Subdomain
@@ -137,7 +138,8 @@ class RasterPattern(AbstractPattern):
     def deposit(self, realised: Realised) -> Points:
         places, volumes = [], []
         for number, fill in enumerate(self.fills):
-            xy, share = _cells(fill.outline)
+            xy = places_in(fill.outline, _CELLS)
+            share = fill.outline.area / len(xy)
             sections = np.array([float(section_area(fill.laid, h)) for h in self.heights])
             for middle, section in zip(self.middles, sections, strict=True):
                 places.append(np.column_stack([xy, np.full(len(xy), middle)]))
@@ -193,18 +195,6 @@ class RasterPattern(AbstractPattern):
                 for fill, gap in zip(self.fills, controls, strict=True)
             ],
         }
-
-
-def _cells(outline: Outline) -> tuple[Floats, float]:
-    """Places evenly over an outline, (n, 2), mm, and the area of each, mm^2."""
-    x0, y0, x1, y1 = outline.bounds
-    step = max(x1 - x0, y1 - y0) / _CELLS
-    x, y = (np.arange(a + step / 2, b, step) for a, b in ((x0, x1), (y0, y1)))
-    xy = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    xy = xy[shapely.contains_xy(outline, *xy.T)]
-    if not len(xy):
-        xy = shapely.get_coordinates(shapely.point_on_surface(outline))
-    return xy, outline.area / len(xy)
 
 
 def _length(xy: Floats) -> float:

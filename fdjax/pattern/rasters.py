@@ -8,7 +8,6 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-import shapely
 
 from fdjax.errors import InputError
 from fdjax.keys import LENGTH, Kind, Place, choice, key, number, pair, points, show, whole
@@ -213,13 +212,6 @@ def _of(values: tuple[Any, ...], number_: int) -> Any:
 
 def _asked(outline: subdomains.Outline, target: Target, part: Part) -> float:
     """Mean solid share that is asked in an outline over all layers."""
-    x0, y0, x1, y1 = outline.bounds
-    step = max(x1 - x0, y1 - y0) / _SAMPLES
-    x, y = (np.arange(a + step / 2, b, step) for a, b in ((x0, x1), (y0, y1)))
-    x, y = (each.ravel() for each in np.meshgrid(x, y))
-    inside = shapely.contains_xy(outline, x, y)
-    if not inside.any():
-        at = shapely.get_coordinates(shapely.point_on_surface(outline))
-        x, y, inside = at[:, 0], at[:, 1], np.array([True])
+    x, y = subdomains.places_in(outline, _SAMPLES).T
     heights = part.middles if target.varies_in_z else np.array([part.height / 2])
-    return float(np.mean([target.solid(x[inside], y[inside], z) for z in heights]))
+    return float(np.mean([target.solid(x, y, z) for z in heights]))

@@ -115,6 +115,18 @@ def given(region: Region, polygons: Sequence[Any]) -> list[Outline]:
     return _parts(region, made)
 
 
+def places_in(outline: Outline, along: int) -> np.ndarray:
+    """Places evenly over an outline, (n, 2), mm: `along` of them on the longer side of its box; at
+    least one.
+    """
+    x0, y0, x1, y1 = outline.bounds
+    step = max(x1 - x0, y1 - y0) / along
+    x, y = (np.arange(a + step / 2, b, step) for a, b in ((x0, x1), (y0, y1)))
+    xy = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
+    xy = xy[shapely.contains_xy(outline, *xy.T)]
+    return xy if len(xy) else shapely.get_coordinates(shapely.point_on_surface(outline))
+
+
 def _parts(region: Region, cells: Sequence[shapely.Geometry]) -> list[Outline]:
     """What of the region lies in each cell; cells beside it are left out."""
     found = []
@@ -122,7 +134,7 @@ def _parts(region: Region, cells: Sequence[shapely.Geometry]) -> list[Outline]:
         inside = shapely.intersection(region.geometry, cell)
         polygons = [
             part
-            for part in np.atleast_1d(shapely.get_parts(inside)).tolist()
+            for part in shapely.get_parts(inside)
             if isinstance(part, shapely.Polygon) and part.area > _SAME * region.area
         ]
         if polygons:

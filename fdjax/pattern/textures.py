@@ -66,7 +66,7 @@ def _rule(value: Any, place: Place) -> Rule:
 
 CELL = Kind(
     f"{', '.join(NAMES)}, or `{{size = [a, b], lines = list of points}}`, "
-    "`{{size = [a, b], path = SVG path}}` or `{{svg = file}}`; with "
+    "`{size = [a, b], path = SVG path}` or `{svg = file}`; with "
     f"`rule` ({', '.join(RULES)}, or rows of letters) and `order` recursive, from these lines or a "
     "`base` by name",
     _cell,

@@ -1,4 +1,4 @@
-"""Road width as a function of the place in the unit square, kept within the machine's range."""
+"""Road width as a function of the place, kept within the machine's range."""
 
 import math
 from abc import abstractmethod
@@ -41,6 +41,29 @@ class SplineWidth(AbstractWidth):
 
     def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "..."]:
         return within(bspline.field(self.coefficients, xi, eta), self.low, self.high)
+
+
+class PlacedWidth(eqx.Module):
+    """Road width, mm, as a function of the place: one number, or a spline over a box."""
+
+    free: Float[Array, "..."]
+    low: Float[Array, " 2"]
+    high: Float[Array, " 2"]
+    range: tuple[float, float]
+
+    def __call__(self, xy: Float[Array, "... 2"]) -> Float[Array, "..."]:
+        if self.free.ndim == 0:
+            return jnp.full(xy.shape[:-1], within(self.free, *self.range))
+        place = (xy - self.low) / (self.high - self.low)
+        return within(bspline.field(self.free, place[..., 0], place[..., 1]), *self.range)
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Least and largest on a lattice, mm."""
+        run = jnp.linspace(0, 1, 33)
+        place = jnp.stack(jnp.meshgrid(run, run), -1)
+        width = self(self.low + place * (self.high - self.low))
+        return width.min(), width.max()
 
 
 def within(free: Float[Array, "..."], low: float, high: float) -> Float[Array, "..."]:

@@ -22,7 +22,7 @@ from fdjax.road.stroke import LONGEST_JOIN, Lines
 Floats = NDArray[np.float64]
 
 MUCH_TRAVEL = 0.013
-"""Share of the length of the lines of a layer."""
+"""A layer's travel is much where it exceeds this share of the length of its lines."""
 
 WORTH_OTHER_PARITY = 10.0
 """Travel, mm, that a layer of the other parity than asked must save."""

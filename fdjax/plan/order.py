@@ -19,7 +19,7 @@ _LONGEST_MOVE = 3
 """So many roads at most are moved together to another place in the order."""
 
 _STARTS = 8
-"""From the ends of so many roads at most a free start is tried."""
+"""Where no start is given the ends of so many roads are tried, the first ones."""
 
 _FEW = 50
 """With more roads than this only the better of the nearest first and the order as given is
@@ -38,11 +38,11 @@ def reversed_road(road: Road) -> Road:
 def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> list[Road]:
     """Put roads in an order of little travel, each either way round.
 
-    The nearest end comes next, from the point `start` or, where none is given, from any road's end;
-    or the roads stay in the order as given; then, while one shortens the travel, stretches of the
-    order are turned round (Croes 1958, 2-opt) and up to three roads together are put elsewhere
-    (Or 1976), so that an end lies next to one of its neighbours. Never more travel than in the
-    order as given; the same every time.
+    The nearest end comes next, from the point `start` or, where none is given, from the best of the
+    first roads' ends, or the roads stay in the order as given; then, while one shortens the travel,
+    stretches of the order are turned round (Croes 1958, 2-opt) and up to three roads together are
+    put elsewhere (Or 1976), so that an end lies next to one of its neighbours. Never more travel
+    than in the order as given; the same every time.
     """
     if not roads:
         return []

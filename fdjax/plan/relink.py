@@ -50,7 +50,8 @@ def relinked(
 
     - `chosen`: numbers of the ways that are made; `near`: pairs of ways of which one excludes the
       other; `points`: of all ends, shape (ends, 2), mm.
-    - `lift_length`: a lift counts as so much travel, mm; `much`: travel without lifts, mm.
+    - `lift_length`: a lift counts as so much travel, mm; `much`: more travel than this, lifts left
+      out, is much, mm.
     """
     for uneven, far in ((_UNEVEN, False), (_UNEVEN_AT_NEED, True)):
         search = _Search(ways, chosen, near, points, lift_length, uneven, far)

@@ -37,6 +37,19 @@ def test_many_roads_travel_less_than_to_the_nearest_each_time():
     assert Layer(0.2, 0.2, tuple(ordered)).travel < 900
 
 
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(2, 4))
+def test_a_free_start_is_the_best_of_all_ends(seed, count):
+    rng = np.random.default_rng(seed)
+    roads = [Road(xy, 0.4) for xy in rng.uniform(0, 10, (count, 2, 2))]
+
+    def travel(order):
+        return Layer(0.2, 0.2, tuple(order)).travel
+
+    from_ends = [order_roads(roads, start=end) for road in roads for end in road.path]
+    assert travel(order_roads(roads)) <= min(map(travel, from_ends)) + 1e-9
+
+
 def test_reversed_road_lays_the_same():
     for closed in (False, True):
         width = [0.3, 0.4, 0.5] if closed else [0.3, 0.4]

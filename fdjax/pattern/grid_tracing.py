@@ -1,0 +1,74 @@
+"""Lines of a map, traced: from wall to wall, off those beside them, or round and round."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from fdjax.grid.base import AbstractGridMap, tangents
+from fdjax.pattern.width import AbstractWidth
+from fdjax.road import porosity
+from fdjax.road.porosity import Margins
+
+_BATCH = 32
+"""Lines are traced in batches of so many, so that another count is no other program."""
+
+
+@eqx.filter_jit
+def margins(grid: AbstractGridMap, width: AbstractWidth, points: int, *, closed: bool) -> Margins:
+    """Off the walls that a family runs along, lines keep half of the widest road."""
+    run, ends = jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
+    _, xi_walls = tangents(grid, ends[:, None], run[None])
+    _, eta_walls = tangents(grid, run[:, None], ends[None])
+    return Margins.of(xi_walls, eta_walls, porosity.widest(width) / 2, closed=closed)
+
+
+def traced(
+    grid: AbstractGridMap, width: AbstractWidth, edge: Margins, combs: tuple[Array, Array]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Of both families, points of the lines from wall to wall, and their widths."""
+    run = jnp.linspace(0, 1, len(edge.left))
+    of_xi = combs[0][:, None] + edge.shift_xi(combs[0])
+    of_eta = combs[1][:, None] + edge.shift_eta(combs[1]).T
+    more = -(len(of_xi) + len(of_eta)) % _BATCH
+    xi, eta = (
+        np.concatenate([*lines, np.zeros((more, len(run)))]).reshape(-1, _BATCH, len(run))
+        for lines in (
+            (of_xi, np.broadcast_to(run, of_eta.shape)),
+            (np.broadcast_to(run, of_xi.shape), of_eta),
+        )
+    )
+    traced = [_batch(grid, width, *lines) for lines in zip(xi, eta, strict=True)]
+    xy, widths = map(np.concatenate, zip(*traced, strict=True))
+    families = slice(len(of_xi)), slice(len(of_xi), len(of_xi) + len(of_eta))
+    return [(xy[each], widths[each]) for each in families]
+
+
+@eqx.filter_jit
+def _batch(grid: AbstractGridMap, width: AbstractWidth, xi: Any, eta: Any) -> tuple[Array, Array]:
+    """Points of lines, and the widths between them."""
+    middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
+    return grid(xi, eta), width(middle_xi, middle_eta)
+
+
+@eqx.filter_jit
+def spiral(
+    grid: AbstractGridMap,
+    width: AbstractWidth,
+    edge: Margins,
+    turn: int,
+    points: int,
+    count: int,
+) -> tuple[Array, Array]:
+    """Points and widths of `xi = k / count`, k from 0 to `count`, `points` - 1 to a turn.
+
+    `turn`: of these, where it begins. As many turns as lines on a layer; the phases differ in where
+    it begins, so that together they lie as the closed lines do.
+    """
+    run = jnp.linspace(0, 1, points)
+    at = (jnp.arange(count + 1) + turn) % (points - 1)
+    xi = jnp.arange(count + 1) / count
+    xi = xi + edge.left[at] - xi * (edge.left[at] + edge.right[at])
+    return grid(xi, run[at]), width((xi[1:] + xi[:-1]) / 2, (run[at[:-1]] + run[1]) / 2)
