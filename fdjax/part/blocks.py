@@ -136,8 +136,7 @@ class Blocks:
                 xy = self.sides[key].polyline()
                 off = shapely.distance(shapely.points(xy.mean(0)), walls).min()
                 far = shapely.distance(shapely.points(xy[len(xy) // 2]), walls).min()
-                length = float(np.hypot(*np.diff(xy, axis=0).T).sum())
-                if min(off, far) > 0.01 * length:
+                if min(off, far) > 0.01 * self.sides[key].length:
                     raise InputError(
                         f"blocks: the side from {at(xy[0])} to {at(xy[-1])} belongs to one block "
                         "only; blocks share whole sides, from corner to corner"
@@ -172,9 +171,7 @@ class Blocks:
         Chosen so that as little length of side as may be has lines of other families beyond it.
         """
         shared = [
-            (users, float(np.hypot(*np.diff(self.sides[key].polyline(), axis=0).T).sum()))
-            for key, users in self.users.items()
-            if len(users) == 2
+            (users, self.sides[key].length) for key, users in self.users.items() if len(users) == 2
         ]
         unlike = np.array([(a[0], b[0], (a[1] + b[1]) % 2) for (a, b), _ in shared], int)
         length = np.array([length for _, length in shared])

@@ -74,6 +74,15 @@ class Curve:
         s = np.repeat(self.breaks[:-1], counts) + np.repeat(h, counts) * share
         return self(np.append(s, 1.0))
 
+    @property
+    def length(self) -> float:
+        """Of its `polyline`, mm.
+
+        >>> polyline([(0, 0), (3, 0), (3, 1)]).length
+        4.0
+        """
+        return float(np.hypot(*np.diff(self.polyline(), axis=0).T).sum())
+
     def _chord_counts(self) -> NDArray[np.int64]:
         """Chords a piece, from the sag of a chord over dt: at most dt^2 max|r''| / 8."""
         h = np.diff(self.breaks)

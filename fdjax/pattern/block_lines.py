@@ -123,10 +123,7 @@ class Multiblock(AbstractSettings):
             blocks = Blocks.of(polygon, self.blocks, given)
         structure = Structure.of(blocks)
         stacking = self.stacking(len(part.slabs))
-        longest = max(
-            float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
-            for side in blocks.sides.values()
-        )
+        longest = max(side.length for side in blocks.sides.values())
         count = int(np.clip(np.ceil(4 * longest / window), 16, 44))
         low, high = np.reshape(polygon.bounds, (2, 2))
         pattern = BlockLines(
@@ -194,13 +191,7 @@ def _sizes(structure: Structure, blocks: Blocks) -> tuple[float, float]:
     for band in structure.bands:
         sides = [(s.block, k) for s in band.stretches for k in ((0, 2), (3, 1))[s.axis]]
         beside = [(s.block, k) for s in band.stretches for k in ((3, 1), (0, 2))[s.axis]]
-        lengths = [
-            [
-                float(np.hypot(*np.diff(blocks.side(*each).polyline(), axis=0).T).sum())
-                for each in some
-            ]
-            for some in (sides, beside)
-        ]
+        lengths = [[blocks.side(*each).length for each in some] for some in (sides, beside)]
         across.append(max(lengths[0]))
         along.append(sum(lengths[1]) / 2)
     return max(across), max(along)

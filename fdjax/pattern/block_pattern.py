@@ -95,8 +95,7 @@ class Places(eqx.Module):
 def _length(blocks: Blocks, stretch: Any) -> float:
     """Mean length of a band's lines within a block, mm."""
     beside = (3, 1) if stretch.axis == 0 else (0, 2)
-    steps = [np.diff(blocks.side(stretch.block, k).polyline(), axis=0) for k in beside]
-    return float(np.mean([np.hypot(*step.T).sum() for step in steps]))
+    return float(np.mean([blocks.side(stretch.block, k).length for k in beside]))
 
 
 def stacked_sides(blocks: Blocks) -> Sides:

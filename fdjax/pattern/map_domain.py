@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -43,14 +42,8 @@ class Domain:
     @cached_property
     def lengths(self) -> tuple[float, float]:
         """Length of the longer of bottom and top, and of left and right, mm."""
-
-        def length(side: Any) -> float:
-            return float(np.hypot(*np.diff(side.polyline(), axis=0).T).sum())
-
-        sides = self.sides
-        return max(map(length, (sides.bottom, sides.top))), max(
-            map(length, (sides.left, sides.right))
-        )
+        bottom, right, top, left = (side.length for side in self.sides)
+        return max(bottom, top), max(left, right)
 
 
 def domain_of(kind: str, part: Part, target: Target, road_width: float) -> Domain:
