@@ -7,9 +7,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from fdjax.errors import DesignError, InputError, StreamError
+
+if TYPE_CHECKING:
+    from fdjax.app.measuring import Answer
 
 BAD_INPUT, FAILED_DESIGN, STOPPED, INTERRUPTED = 2, 3, 4, 130
 
@@ -50,10 +53,10 @@ def _fail(fault: object, code: int) -> int:
 
 
 def _design(arguments: argparse.Namespace) -> None:
+    _prepare_jax()
     from fdjax.app import config
     from fdjax.app.output import output_folder
 
-    _prepare_jax()
     job = config.load(arguments.job)
     if arguments.force_export:
         job = replace(job, design=replace(job.design, export_failed=True))
@@ -69,9 +72,18 @@ def _design(arguments: argparse.Namespace) -> None:
 
 
 def _measure(arguments: argparse.Namespace) -> None:
-    from importlib import import_module
-    from threading import Thread
+    from fdjax.view.painter import Painter
 
+    with Painter() as painter:
+        answer = _measured(arguments)
+        answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"), painter)
+        table = answer.table()
+    if arguments.json is not None:
+        answer.write_json(arguments.json)
+    print(table)
+
+
+def _measured(arguments: argparse.Namespace) -> "Answer":
     from fdjax.app import measuring
     from fdjax.formats.gcode_layers import Choice
     from fdjax.units import length
@@ -99,17 +111,7 @@ def _measure(arguments: argparse.Namespace) -> None:
         choice=choice,
         tolerance=arguments.tolerance,
     )
-    # Matplotlib takes long to load: let it do so while the file is read.
-    pictures = Thread(target=import_module, args=["fdjax.view.figures"])
-    pictures.start()
-    try:
-        answer = measuring.answer(arguments.file, question)
-    finally:
-        pictures.join()
-    answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"))
-    if arguments.json is not None:
-        answer.write_json(arguments.json)
-    print(answer.table())
+    return measuring.answer(arguments.file, question)
 
 
 def _share(text: str) -> float:
@@ -175,7 +177,10 @@ class _Progress:
 
 
 def _prepare_jax() -> None:
-    """float64, and compiled code kept between runs (in `JAX_COMPILATION_CACHE_DIR` if set)."""
+    """float64, and compiled code kept between runs (in `JAX_COMPILATION_CACHE_DIR` if set).
+
+    Comes before any module that loads NumPy, whose threads are counted as it is loaded.
+    """
     # The elimination's small blocks gain nothing from BLAS threads, which spin on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Tracing leaves many small objects that stay: to look through them for rings takes long.

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from fdjax.plan.coverage import coverage
 from fdjax.plan.measure import Measurement, measure
 from fdjax.plan.toolpath import Build, Outline
 from fdjax.target.read import read as read_target
+from fdjax.view.painter import Painter
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,11 @@ class Answer:
     build: Build
     measurement: Measurement
     comparison: Comparison
-    coverage: float
+
+    @cached_property
+    def coverage(self) -> float:
+        """Share of the outlines that roads cover, seen from above."""
+        return coverage(self.build)
 
     @property
     def outline(self) -> Outline:
@@ -82,12 +88,11 @@ class Answer:
     @property
     def materials(self) -> dict[str, float]:
         """Volume of each material or tool, by its number, mm^3."""
-        found: dict[str, float] = {}
-        for layer in self.build.layers:
-            for road in layer.roads:
-                volume = float(road.segment_volumes(layer.height).sum())
-                found[str(road.material)] = found.get(str(road.material), 0.0) + volume
-        return dict(sorted(found.items()))
+        layers = self.build.layers
+        number = np.concatenate([layer.materials for layer in layers])
+        volume = np.concatenate([layer.road_volumes for layer in layers])
+        laid = {each: float(volume[number == each].sum()) for each in np.unique(number).tolist()}
+        return {str(each): share for each, share in laid.items()}
 
     def facts(self) -> dict[str, Any]:
         """All that was measured, as plain data for JSON; windows left out are None."""
@@ -142,11 +147,11 @@ class Answer:
             ]
         )
 
-    def picture(self, path: Path) -> None:
-        """Write the figure of asked, got and difference."""
-        from fdjax.view import figures
-
-        figure = figures.porosity_figure(
+    def picture(self, path: Path, painter: Painter) -> None:
+        """Have the figure of asked, got and difference drawn."""
+        painter.draw(
+            path,
+            "porosity_figure",
             self.measurement.x,
             self.measurement.y,
             self.comparison.asked,
@@ -156,7 +161,6 @@ class Answer:
             weights=self.measurement.area,
             tolerance=self.question.tolerance,
         )
-        figures.save(figure, path)
 
     def write_json(self, path: Path) -> None:
         """Write `facts` as JSON."""
@@ -211,7 +215,7 @@ def answer(path: str | Path, question: Question) -> Answer:
         high=question.high,
     )
     target.check(part)
-    return Answer(path, question, build, measurement, compare(measurement, target), coverage(build))
+    return Answer(path, question, build, measurement, compare(measurement, target))
 
 
 def _part(build: Build) -> Part:

@@ -88,8 +88,8 @@ def _best(
             continue
         # As it would be written, but for the file's steps.
         trimmed = trimmed_to(own, result, plan, machine)
-        seen = _quality(own, trimmed, machine, target)
-        errors = seen.errors + (not result.made)
+        seen = _missed(own, trimmed, target)
+        errors = _errors(own, trimmed, machine) + (not result.made)
         tried.append(
             f"tried {name}: RMS {seen.rms:.4f}, shifted {seen.shifted:.4f} on its roads"
             + (f", {errors} kinds of errors" if errors else "")
@@ -113,32 +113,47 @@ def _planned(
         plan = plan_of(job, result, machine)
         made.append((result, plan))
     if len(made) > 1:
-        result, plan = min(made, key=lambda each: _quality(job, each[1], machine, target))
+        # Checks take longest: once a plan without errors is found, none that is further off.
+        made.sort(key=lambda each: _missed(job, each[1], target).misses)
+        result, plan = _soundest(job, made, machine)
     recounted = result.recounted(plan.volume)
     return (result, plan) if recounted is result else (recounted, plan_of(job, recounted, machine))
 
 
-class _Quality(NamedTuple):
-    """Kinds of errors of a plan; how far its windows, where they are and shifted by half, and its
-    mean are from the target, weighed as in design; and the RMS of both windows.
+def _soundest(job: Job, made: list[tuple[Design, Build]], machine: Machine) -> tuple[Design, Build]:
+    """The first design whose plan is without errors, or else the first with the fewest."""
+    found = []
+    for design, plan in made:
+        found.append((_errors(job, plan, machine), design, plan))
+        if not found[-1][0]:
+            break
+    _, design, plan = min(found, key=lambda each: each[0])
+    return design, plan
+
+
+class _Missed(NamedTuple):
+    """How far the windows of a plan, where they are and shifted by half, and its mean are from the
+    target, weighed as in design; and the RMS of both windows.
     """
 
-    errors: int
     misses: float
     rms: float
     shifted: float
 
 
-def _quality(job: Job, plan: Build, machine: Machine, target: Target) -> _Quality:
-    found = checked(job, plan, machine)
+def _missed(job: Job, plan: Build, target: Target) -> _Missed:
     plain, shifted = (
         compare(measure(plan, window=job.target.window, shift=shift), target) for shift in SHIFTS
     )
     misses = sum(
         each.rms**2 + (WHOLE * (each.mean_got - each.mean_asked)) ** 2 for each in (plain, shifted)
     )
-    errors = sum(each.severity == "error" for each in found)
-    return _Quality(errors, misses, plain.rms, shifted.rms)
+    return _Missed(misses, plain.rms, shifted.rms)
+
+
+def _errors(job: Job, plan: Build, machine: Machine) -> int:
+    """Kinds of errors of a plan on this machine."""
+    return sum(each.severity == "error" for each in checked(job, plan, machine))
 
 
 def checked(job: Job, build: Build, machine: Machine) -> tuple[Finding, ...]:

@@ -3,9 +3,7 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
 
 from fdjax.app import setting
 from fdjax.app.config import Job
@@ -16,12 +14,13 @@ from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.part.part import Part
-from fdjax.plan.compare import compare
+from fdjax.plan.compare import Comparison, compare
 from fdjax.plan.coverage import coverage
 from fdjax.plan.materials import assigned
-from fdjax.plan.measure import measure, solid_shares
+from fdjax.plan.measure import Measurement, measure, solid_shares
 from fdjax.plan.toolpath import Build
 from fdjax.target.target import Target
+from fdjax.view.painter import Painter
 
 
 def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
@@ -47,35 +46,35 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
         raise InputError(f'{narrow[0]}{more}; with narrow = "skip" such places stay empty')
 
-    # Matplotlib takes long to load: let it do so while the optimiser computes.
-    pictures = Thread(target=import_module, args=["fdjax.view.figures"])
-    pictures.start()
-    job, result, plan, tried = designed(job, part, target, main, progress)
-    plans = {main: plan}
-    written = []
-    for kind, machine in machines.items():
-        if machine not in plans:
-            plans[machine] = plan_of(job, result, machine)
-        plan = plans[machine].replace(
-            origin=setting.origin_on(machine, part), notes={"target": target.text}
-        )
-        path = folder / f"{job.name}.{kind}"
-        if kind == "ssl":
-            path.write_text(module(path).write(plan, machine), encoding="utf-8")
-            continue
-        outlines = [some.outline for some in plan.layers[0].subdomains]
-        plan = _of_materials(job, part, plan, machine)
-        plan = trimmed_to(job, result, plan, machine)
-        written.append(_written(job, path, module(path).fit(plan, machine), machine, target))
-        if outlines:
-            shares = solid_shares(written[-1].build, outlines)
-            written[-1] = replace(written[-1], subdomains=tuple(shares.tolist()))
-        if job.materials.given:
-            laid = job.materials.laid(part, second, written[-1].build)
-            written[-1] = replace(written[-1], materials=laid)
+    with Painter() as painter:
+        job, result, plan, tried = designed(job, part, target, main, progress)
+        if job.design.laplacians:
+            _laplacians(job, folder, result, painter)
+        plans = {main: plan}
+        written: list[Written] = []
+        for kind, machine in machines.items():
+            if machine not in plans:
+                plans[machine] = plan_of(job, result, machine)
+            plan = plans[machine].replace(
+                origin=setting.origin_on(machine, part), notes={"target": target.text}
+            )
+            path = folder / f"{job.name}.{kind}"
+            if kind == "ssl":
+                path.write_text(module(path).write(plan, machine), encoding="utf-8")
+                continue
+            outlines = [some.outline for some in plan.layers[0].subdomains]
+            plan = _of_materials(job, part, plan, machine)
+            plan = trimmed_to(job, result, plan, machine)
+            build = module(path).fit(plan, machine)
+            each = _written(job, path, build, machine, target, None if written else painter)
+            if outlines:
+                shares = solid_shares(each.build, outlines)
+                each = replace(each, subdomains=tuple(shares.tolist()))
+            if job.materials.given:
+                each = replace(each, materials=job.materials.laid(part, second, each.build))
+            written.append(each)
     notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips, *tried]
     faults = faults_of(job, result, written)
-    _pictures(job, folder, result, written)
     report = report_of(job, result, written, faults, notes)
     (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")
     if faults:
@@ -104,12 +103,17 @@ def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
     )
 
 
-def _written(job: Job, path: Path, build: Build, machine: Machine, target: Target) -> Written:
-    """Write the file, read it back and measure what was read."""
+def _written(
+    job: Job, path: Path, build: Build, machine: Machine, target: Target, painter: Painter | None
+) -> Written:
+    """Write the file, read it back and measure what was read; a painter has it drawn as well."""
     path.write_text(module(path).write(build, machine), encoding="utf-8")
     read = read_file(path, machine=machine)
     window = job.target.window
     measurement, shifted = (measure(read, window=window, shift=shift) for shift in SHIFTS)
+    comparison = compare(measurement, target)
+    if painter is not None:
+        _pictures(job, path, read, measurement, comparison, painter)
     return Written(
         path,
         machine,
@@ -118,36 +122,44 @@ def _written(job: Job, path: Path, build: Build, machine: Machine, target: Targe
         build.thinned,
         checked(job, build, machine),
         measurement,
-        compare(measurement, target),
+        comparison,
         compare(shifted, target),
         coverage(read),
     )
 
 
-def _pictures(job: Job, folder: Path, result: Design, written: list[Written]) -> None:
-    from fdjax.view import figures
-
-    outline = result.part.slabs[-1].region.geometry
-    pictures = result.pattern.pictures(result.controls) if job.design.laplacians else {}
-    if "laplacians" in pictures:
-        panels = pictures["laplacians"]
-        figure = figures.functions_figure(panels, outline=outline, title=job.name, unit="1/mm²")
-        figures.save(figure, folder / "laplacians.png")
-    if not written:
-        return
-    first = written[0]
-    top = first.build.layers[-2:]
+def _pictures(
+    job: Job,
+    path: Path,
+    read: Build,
+    measurement: Measurement,
+    comparison: Comparison,
+    painter: Painter,
+) -> None:
+    """The topmost layers of a file and its porosity, drawn beside it."""
+    outline = read.layers[-1].outline
+    top = read.layers[-2:]
     if any(layer.roads for layer in top):
-        figure = figures.roads_figure(top, outline=outline, title=first.path.name)
-        figures.save(figure, folder / "roads.png")
-    figure = figures.porosity_figure(
-        first.measurement.x,
-        first.measurement.y,
-        first.comparison.asked,
-        first.comparison.got,
+        place = path.with_name("roads.png")
+        painter.draw(place, "roads_figure", top, outline=outline, title=path.name)
+    painter.draw(
+        path.with_name("porosity.png"),
+        "porosity_figure",
+        measurement.x,
+        measurement.y,
+        comparison.asked,
+        comparison.got,
         outline=outline,
-        title=first.path.name,
-        weights=first.measurement.area,
+        title=path.name,
+        weights=measurement.area,
         tolerance=job.target.tolerance,
     )
-    figures.save(figure, folder / "porosity.png")
+
+
+def _laplacians(job: Job, folder: Path, result: Design, painter: Painter) -> None:
+    """P and Q of eq. (5), drawn beside the files."""
+    panels = result.pattern.pictures(result.controls).get("laplacians")
+    if panels is not None:
+        outline = result.part.slabs[-1].region.geometry
+        options = {"outline": outline, "title": job.name, "unit": "1/mm²"}
+        painter.draw(folder / "laplacians.png", "functions_figure", panels, **options)

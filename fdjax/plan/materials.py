@@ -84,12 +84,8 @@ def centres(build: Build) -> tuple[Floats, Floats]:
         for layer in build.layers
         for road in layer.roads
     ]
-    volumes = [
-        float(road.segment_volumes(layer.height).sum())
-        for layer in build.layers
-        for road in layer.roads
-    ]
-    return np.array(places).reshape(-1, 3), np.array(volumes)
+    volumes = [np.zeros(0), *(layer.road_volumes for layer in build.layers)]
+    return np.array(places).reshape(-1, 3), np.concatenate(volumes)
 
 
 def assigned(

@@ -185,14 +185,28 @@ class Layer:
             object.__setattr__(self, "outline", set_precision(outline, 0))
 
     @cached_property
-    def volume(self) -> float:
-        """Deposited volume, mm^3; what overlaps counts twice."""
+    def road_volumes(self) -> Floats:
+        """Deposited volume of each road, shape (roads,), mm^3; what overlaps counts twice."""
         roads = self.roads
-        if isinstance(roads, Roads):
+        if isinstance(roads, Roads) and len(roads):
             section = section_area(roads.width, self.height)
             section = section if roads.section is None else roads.section
-            return float((section * roads.lengths).sum())
-        return float(sum(road.segment_volumes(self.height).sum() for road in roads))
+            begin = roads.first[:-1] - np.arange(len(roads))
+            return np.add.reduceat(section * roads.lengths, begin)
+        return np.array([road.segment_volumes(self.height).sum() for road in roads], float)
+
+    @property
+    def volume(self) -> float:
+        """Deposited volume, mm^3; what overlaps counts twice."""
+        return float(self.road_volumes.sum())
+
+    @property
+    def materials(self) -> NDArray[np.integer]:
+        """Material of each road, shape (roads,)."""
+        roads = self.roads
+        if isinstance(roads, Roads):
+            return roads.material
+        return np.array([road.material for road in roads], int)
 
     @property
     def travel(self) -> float:

@@ -224,7 +224,7 @@ def test_design_of_bad_input_leaves_no_folder(tmp_path, design, capsys):
         (["--help"], ["jax", "numpy", "shapely", "matplotlib"]),
         (["design", "--help"], ["jax", "numpy", "shapely", "matplotlib"]),
         (["machines"], ["jax", "matplotlib"]),
-        (["measure", "plate.gcode", "--target", "0.5"], ["jax"]),
+        (["measure", "plate.gcode", "--target", "0.5"], ["jax", "matplotlib"]),
     ],
 )
 def test_commands_load_only_what_they_need(plate, arguments, kept_out):
@@ -234,6 +234,15 @@ def test_commands_load_only_what_they_need(plate, arguments, kept_out):
         f"assert not set({kept_out!r}) & set(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=plate.parent, capture_output=True)
+
+
+def test_a_design_sets_up_numpy_before_it_is_loaded(tmp_path):
+    code = (
+        "import sys; from fdjax.app import cli; "
+        "cli._prepare_jax = lambda: sys.exit(7 if 'numpy' in sys.modules else 5); "
+        "cli.main(['design', 'job.toml', '--out', 'out'])"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False, cwd=tmp_path).returncode == 5
 
 
 def test_a_reader_that_has_had_enough_is_no_fault():
