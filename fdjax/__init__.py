@@ -25,6 +25,7 @@ _HOMES = {
     "Mesh": "pattern.mesh",
     "lay": "plan.trace",
     "trim": "plan.trace",
+    "cut_corners": "plan.corners",
     "check": "plan.check",
     "measure": "plan.measure",
     "compare": "plan.compare",

@@ -17,6 +17,7 @@ from fdjax.part.part import Part
 from fdjax.pattern.auto import Auto
 from fdjax.plan.check import Finding, check
 from fdjax.plan.compare import compare
+from fdjax.plan.corners import cut_corners
 from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build
 from fdjax.plan.trace import lay, trim
@@ -106,18 +107,20 @@ def _planned(
     job: Job, result: Design, machine: Machine, target: Target, show: Callable[[Progress], None]
 ) -> tuple[Design, Build]:
     """The design and its plan, corrected and counted anew where that makes the plan better."""
-    plan = plan_of(job, result, machine)
+    plan = plan_of(job, result, machine, target)
     made = [(result, plan)]
     for _ in range(job.pattern.corrections):
         result = result.corrected(*plan.deposits(job.target.window / 4), progress=show)
-        plan = plan_of(job, result, machine)
+        plan = plan_of(job, result, machine, target)
         made.append((result, plan))
     if len(made) > 1:
         # Checks take longest: once a plan without errors is found, none that is further off.
         made.sort(key=lambda each: _missed(job, each[1], target).misses)
         result, plan = _soundest(job, made, machine)
     recounted = result.recounted(plan.volume)
-    return (result, plan) if recounted is result else (recounted, plan_of(job, recounted, machine))
+    if recounted is result:
+        return result, plan
+    return recounted, plan_of(job, recounted, machine, target)
 
 
 def _soundest(job: Job, made: list[tuple[Design, Build]], machine: Machine) -> tuple[Design, Build]:
@@ -161,10 +164,13 @@ def checked(job: Job, build: Build, machine: Machine) -> tuple[Finding, ...]:
     return check(build, machine.limits, both_families=job.pattern.mode.startswith("both"))
 
 
-def plan_of(job: Job, result: Design, machine: Machine) -> Build:
-    """The roads of a design as this machine's format can hold them."""
+def plan_of(job: Job, result: Design, machine: Machine, target: Target) -> Build:
+    """The roads of a design as this machine's format can hold them, corners cut for the target.
+
+    Lines that are not designed are laid as they are.
+    """
     moved = TOLERANCE + STEP[machine.format]
-    return lay(
+    plan = lay(
         result.strokes(),
         result.part,
         lift_length=machine.lift_length,
@@ -173,6 +179,17 @@ def plan_of(job: Job, result: Design, machine: Machine) -> Build:
         tolerance=TOLERANCE,
         clearance=moved,
         name=job.name,
+    )
+    if not job.pattern.controls:
+        return plan
+    # Sections can make up for most of `FAINT`.
+    least = (1 - 0.8 * FAINT) * result.volume
+    return cut_corners(
+        plan,
+        target,
+        window=job.target.window,
+        clearance=machine.limits.least_spacing,
+        least=least,
     )
 
 

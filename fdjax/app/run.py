@@ -54,7 +54,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         written: list[Written] = []
         for kind, machine in machines.items():
             if machine not in plans:
-                plans[machine] = plan_of(job, result, machine)
+                plans[machine] = plan_of(job, result, machine, target)
             plan = plans[machine].replace(
                 origin=setting.origin_on(machine, part), notes={"target": target.text}
             )
