@@ -23,9 +23,6 @@ from fdjax.road.stroke import Stroke
 from fdjax.road.window import SoftWindows
 from fdjax.target.target import Target
 
-CORRECTING = 30
-"""Most evaluations in which a design is corrected."""
-
 WIDELY = 0.005
 """Share of the places at which a limit must be reached to be what a design is limited by."""
 
@@ -124,7 +121,7 @@ class Design:
         outcome = optimise(
             eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
             self.controls,
-            steps=CORRECTING,
+            steps=self.pattern.correcting,
             patience=self.pattern.patience,
             progress=progress,
         )

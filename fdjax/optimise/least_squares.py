@@ -30,7 +30,7 @@ SCALE = 3e3
 REJECTIONS = 8
 """Trials in a row that may fail; the damping grows fourfold with each."""
 
-STEPS, PATIENCE = {False: 60, True: 150}, {False: 0.1, True: 0.03}
+STEPS, PATIENCE = {False: 60, True: 150}, {False: 0.1, True: 0.05}
 """For few controls and for many."""
 
 

@@ -106,6 +106,11 @@ class AbstractPattern(eqx.Module):
         knows better than the optimiser."""
         return None
 
+    @property
+    def correcting(self) -> int:
+        """Most evaluations that a correction by what a plan lays is worth."""
+        return 30
+
     def counted(self, asked: float, laid: float) -> "AbstractPattern":
         """The pattern with as many lines as bring what is laid nearest to what is asked, mm^3.
 

@@ -11,7 +11,7 @@ from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.road.bead import section_area
 
 SIDE, STEP = 20.0, 2.0
-WIDTH, HEIGHT = 0.4, 0.2
+WIDTH, HEIGHT = np.array(0.4), 0.2
 
 
 def serpentine(inset=0.2, family="xi"):
@@ -19,8 +19,8 @@ def serpentine(inset=0.2, family="xi"):
     x = np.arange(inset, SIDE, STEP)
     low, high = inset, SIDE - inset
     ends = [(high, low) if k % 2 else (low, high) for k in range(len(x))]
-    return Road([(a, b) for a, pair in zip(x, ends, strict=True) for b in pair], WIDTH, 0, False,
-                family)  # fmt: skip
+    points = [(a, b) for a, pair in zip(x, ends, strict=True) for b in pair]
+    return Road(np.array(points), WIDTH, family=family)
 
 
 def plate(*roads, outline=None):
@@ -87,7 +87,7 @@ def test_other_roads_are_left_as_they_are(family):
 def test_no_cut_meets_another_road_or_comes_near_it():
     road = serpentine()
     corner = road.xy[5]
-    line = Road(corner + [(0.45, -9), (0.45, -0.5)], WIDTH, family="xi")
+    line = Road(corner + np.array([(0.45, -9), (0.45, -0.5)]), WIDTH, family="xi")
     (alone,) = cut_corners(plate(road), solid(0.0), window=5).layers[0].roads
     beside, _ = cut_corners(plate(road, line), solid(0.0), window=5).layers[0].roads
     assert not len(corners_of(alone))
