@@ -109,6 +109,9 @@ class Design:
         shown="60, of many controls 150",
     )
     span_limit: bool = key(FLAG, "keep to the machine's longest unsupported span", default=True)
+    cut_corners: bool = key(
+        FLAG, "cut turn-arounds short at walls that would hold too much", default=True
+    )
     laplacians: bool = key(FLAG, "draw lap(xi) and lap(eta), P and Q of eq. (5)", default=False)
     export_failed: bool = key(FLAG, "write machine files even if the design fails", default=False)
 

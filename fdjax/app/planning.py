@@ -165,7 +165,7 @@ def checked(job: Job, build: Build, machine: Machine) -> tuple[Finding, ...]:
 
 
 def plan_of(job: Job, result: Design, machine: Machine, target: Target) -> Build:
-    """The roads of a design as this machine's format can hold them, corners cut for the target.
+    """The roads of a design as this machine's format can hold them, their corners cut if asked for.
 
     Lines that are not designed are laid as they are.
     """
@@ -180,7 +180,7 @@ def plan_of(job: Job, result: Design, machine: Machine, target: Target) -> Build
         clearance=moved,
         name=job.name,
     )
-    if not job.pattern.controls:
+    if not (job.design.cut_corners and job.pattern.controls):
         return plan
     # Sections can make up for most of `FAINT`.
     least = (1 - 0.8 * FAINT) * result.volume

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jax
+import numpy as np
 import pytest
 import shapely
 from PIL import Image
@@ -141,6 +142,25 @@ def test_the_report_is_what_measuring_the_file_gives(finished, kind, tmp_path, m
     assert main([*measure, "--shift"]) == 0
     shifted = json.loads((tmp_path / "m.json").read_text())["rms"]
     assert shifted == pytest.approx(said["rms_windows_shifted_by_half"])
+
+
+def test_corners_of_turn_arounds_stay_square_where_that_is_asked(finished, again, tmp_path):
+    def square(folder: Path) -> int:
+        roads = [r for layer in read_file(folder / "saddle.gcode").layers for r in layer.roads]
+        steps = [np.diff(road.path, axis=0) for road in roads]
+        ways = [np.unwrap(np.arctan2(step[:, 1], step[:, 0])) for step in steps]
+        return sum(int((np.abs(np.diff(way)) > np.deg2rad(80)).sum()) for way in ways)
+
+    job = written(tmp_path / "saddle.toml")
+    job.write_text(job.read_text() + "\ncut_corners = false\n")
+    assert again(["design", str(job), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    cut, kept = (
+        report_in(each)["files"]["saddle.gcode"] for each in (finished.folder, tmp_path / "out")
+    )
+    assert square(finished.folder) < 0.7 * square(tmp_path / "out")
+    assert cut["rms"] + cut["rms_windows_shifted_by_half"] < 0.9 * (
+        kept["rms"] + kept["rms_windows_shifted_by_half"]
+    )
 
 
 def test_the_files_hold_the_plan(finished):
