@@ -107,31 +107,41 @@ def _planned(
     job: Job, result: Design, machine: Machine, target: Target, show: Callable[[Progress], None]
 ) -> tuple[Design, Build]:
     """The design and its plan, corrected and counted anew where that makes the plan better."""
-    plan = plan_of(job, result, machine, target)
-    made = [(result, plan)]
+    made = [_tried(job, result, machine, target)]
     for _ in range(job.pattern.corrections):
-        result = result.corrected(*plan.deposits(job.target.window / 4), progress=show)
-        plan = plan_of(job, result, machine, target)
-        made.append((result, plan))
-    if len(made) > 1:
-        # Checks take longest: once a plan without errors is found, none that is further off.
-        made.sort(key=lambda each: _missed(job, each[1], target).misses)
-        result, plan = _soundest(job, made, machine)
-    recounted = result.recounted(plan.volume)
-    if recounted is result:
-        return result, plan
+        places = made[-1].plan.deposits(job.target.window / 4)
+        result = made[-1].design.corrected(*places, progress=show)
+        made.append(_tried(job, result, machine, target))
+    best = _soundest(job, made, machine, target) if len(made) > 1 else made[0]
+    recounted = best.design.recounted(best.laid)
+    if recounted is best.design:
+        return best.design, best.plan
     return recounted, plan_of(job, recounted, machine, target)
 
 
-def _soundest(job: Job, made: list[tuple[Design, Build]], machine: Machine) -> tuple[Design, Build]:
-    """The first design whose plan is without errors, or else the first with the fewest."""
+class _Tried(NamedTuple):
+    """A design, its plan, and the volume, mm^3, of that before corners were cut: lines are counted
+    by it, since sections make up for corners."""
+
+    design: Design
+    laid: float
+    plan: Build
+
+
+def _tried(job: Job, result: Design, machine: Machine, target: Target) -> _Tried:
+    square = _laid(job, result, machine)
+    return _Tried(result, square.volume, _cut(job, square, result, machine, target))
+
+
+def _soundest(job: Job, made: list[_Tried], machine: Machine, target: Target) -> _Tried:
+    """Of the plans without errors the nearest to its target, or else the one with the fewest."""
     found = []
-    for design, plan in made:
-        found.append((_errors(job, plan, machine), design, plan))
+    # Checks take longest: behind a plan without errors none is looked at.
+    for each in sorted(made, key=lambda each: _missed(job, each.plan, target).misses):
+        found.append((_errors(job, each.plan, machine), each))
         if not found[-1][0]:
             break
-    _, design, plan = min(found, key=lambda each: each[0])
-    return design, plan
+    return min(found, key=lambda pair: pair[0])[1]
 
 
 class _Missed(NamedTuple):
@@ -169,8 +179,12 @@ def plan_of(job: Job, result: Design, machine: Machine, target: Target) -> Build
 
     Lines that are not designed are laid as they are.
     """
+    return _cut(job, _laid(job, result, machine), result, machine, target)
+
+
+def _laid(job: Job, result: Design, machine: Machine) -> Build:
     moved = TOLERANCE + STEP[machine.format]
-    plan = lay(
+    return lay(
         result.strokes(),
         result.part,
         lift_length=machine.lift_length,
@@ -180,17 +194,15 @@ def plan_of(job: Job, result: Design, machine: Machine, target: Target) -> Build
         clearance=moved,
         name=job.name,
     )
+
+
+def _cut(job: Job, plan: Build, result: Design, machine: Machine, target: Target) -> Build:
     if not (job.design.cut_corners and job.pattern.controls):
         return plan
     # Sections can make up for most of `FAINT`.
     least = (1 - 0.8 * FAINT) * result.volume
-    return cut_corners(
-        plan,
-        target,
-        window=job.target.window,
-        clearance=machine.limits.least_spacing,
-        least=least,
-    )
+    window, clearance = job.target.window, machine.limits.least_spacing
+    return cut_corners(plan, target, window=window, clearance=clearance, least=least)
 
 
 def least_road(machine: Machine) -> float:

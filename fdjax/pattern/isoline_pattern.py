@@ -106,19 +106,22 @@ class IsolinePattern(ChartPattern):
     def strokes(self, controls: Controls) -> Iterator[Sequence[Lines]]:
         xi, eta = (np.asarray(each) for each in self.coefficients(controls))
         places = [_between_knots(axis) for axis in self.axes[:2]]
-        bases = [axis.basis(at) for axis, at in zip(self.axes, places, strict=False)]
+        x, y = (axis.basis(at) for axis, at in zip(self.axes, places, strict=False))
         width = np.asarray(self.width_at(controls, width_bases(self.axes, controls.width, places)))
         flat = self.axes[2].count == 1
+        values: dict[tuple[str, float], np.ndarray] = {}
         made: dict[tuple[Scan, float], Lines] = {}
         for z, scans in zip(self.middles, self.stacking.scans, strict=True):
             layer = []
             for scan in scans:
-                at = scan, 0.0 if flat else z
-                if at not in made:
+                height = 0.0 if flat else z
+                of, at = (scan.family, height), (scan, height)
+                if of not in values:
                     function = (xi, eta)[FAMILIES.index(scan.family)]
-                    x, y = bases
-                    values = product(function, x, y, self.axes[2].basis(np.array([z])))[..., 0]
-                    made[at] = _lines(places, values, width[..., 0], scan)
+                    basis = self.axes[2].basis(np.array([z]))
+                    values[of] = product(function, x, y, basis)[..., 0]
+                if at not in made:
+                    made[at] = _lines(places, values[of], width[..., 0], scan)
                 layer.append(made[at])
             yield layer
 

@@ -76,7 +76,7 @@ class _Search:
         uneven: float = _UNEVEN,
         far: bool = False,
     ) -> None:
-        self.point: list[complex] = (points[:, 0] + 1j * points[:, 1]).tolist()
+        self.point = points[:, 0] + 1j * points[:, 1]
         self.ends = [way.ends for way in ways]
         self.length = [way.length for way in ways]
         self.is_far = [way.far for way in ways]
@@ -174,24 +174,27 @@ class _Search:
 
     def _roads(self) -> list[tuple[int, int]]:
         """First and last end of each road."""
-        found = {end: self._last(end) for end in range(len(self.point)) if end not in self.made}
-        return [(a, b) for a, b in found.items() if a < b]
+        lasts: set[int] = set()
+        roads = []
+        for end in range(len(self.point)):
+            if end in self.made or end in lasts:
+                continue
+            last = self._last(end)
+            lasts.add(last)
+            roads.append((end, last))
+        return roads
 
     def _cost(self, roads: list[tuple[int, int]]) -> float:
         """Lifts, and the travel of the best of the ways round that always take the nearest end."""
-        best = np.inf
-        for start in range(2 * len(roads)):
-            left = list(roads)
-            here = left.pop(start // 2)[1 - start % 2]
-            travel = 0.0
-            while left and travel < best:
-                at = self.point[here]
-                gap, k, side = min(
-                    (abs(self.point[road[side]] - at), k, side)
-                    for k, road in enumerate(left)
-                    for side in (0, 1)
-                )
-                travel += gap
-                here = left.pop(k)[1 - side]
-            best = min(best, travel)
-        return best + self.lift * len(roads)
+        at = self.point[np.array(roads, int).reshape(-1)]
+        gap = np.abs(at[:, None] - at)
+        # All ways round at once, one from each end; what is behind is infinitely far.
+        every = np.arange(len(at))
+        ahead = np.zeros((len(at), len(at)))
+        here, travel = every, np.zeros(len(at))
+        for _ in roads[1:]:
+            ahead[every, here] = ahead[every, here ^ 1] = np.inf
+            away = gap[here ^ 1] + ahead
+            here = away.argmin(1)
+            travel += away[every, here]
+        return float(travel.min(initial=np.inf)) + self.lift * len(roads)
