@@ -189,21 +189,28 @@ class Rasters(AbstractSettings):
                 f"wide that touch hold {most / fill.outline.area / part.height:.3f}"
             )
         size = max(np.ptp(np.reshape(fill.outline.bounds, (2, 2)), axis=0))
-        while held(high) > volume:
+        while (least := held(high)) > volume:
+            if high > 2 * size and least * (1 - _MOST) <= volume:
+                return self._sized(fill.at(high), volume / least, part)
             if high > 2 * size:
                 raise InputError(
                     f"{name}: a solid share of {fill.asked:.3f} is asked, and its perimeters alone "
-                    f"hold {held(high) / fill.outline.area / part.height:.3f}"
+                    f"hold {least / fill.outline.area / part.height:.3f}; ask for more, for larger "
+                    "sub-domains or for fewer perimeters"
                 )
             low, high = high, 2 * high
         for _ in range(_HALVES):
             middle = (low + high) / 2
             low, high = (middle, high) if held(middle) > volume else (low, middle)
         gap = min((low, high), key=lambda each: abs(held(each) - volume))
-        share = float(np.clip(volume / held(gap), 1 - _MOST, 1 + _MOST))
+        return self._sized(fill.at(gap), volume / held(gap), part)
+
+    def _sized(self, fill: Fill, share: float, part: Part) -> Fill:
+        """A fill whose sections are larger by a share, up to `_MOST`."""
+        share = float(np.clip(share, 1 - _MOST, 1 + _MOST))
         height = float(np.mean([slab.height for slab in part.slabs]))
         section = share * float(section_area(fill.width, height))
-        return fill.at(gap).laid_at(float(road_width(np.array(section), height)))
+        return fill.laid_at(float(road_width(np.array(section), height)))
 
 
 def _of(values: tuple[Any, ...], number_: int) -> Any:

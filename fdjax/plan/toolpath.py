@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from shapely import MultiPolygon, Polygon, get_precision, set_precision
+from shapely import MultiPolygon, Polygon, distance, get_precision, points, set_precision
 
 from fdjax.errors import InputError
 from fdjax.road.bead import section_area
@@ -193,6 +193,15 @@ class Layer:
             section = section if roads.section is None else roads.section
             return float((section * roads.lengths).sum())
         return float(sum(road.segment_volumes(self.height).sum() for road in roads))
+
+    @cached_property
+    def owners(self) -> NDArray[np.intp]:
+        """Number of the sub-domain that each road lies in, shape (roads,); 0 in a whole layer."""
+        if len(self.subdomains) < 2:
+            return np.zeros(len(self.roads), np.intp)
+        starts = points([road.xy[0] for road in self.roads])
+        outlines = np.array([some.outline for some in self.subdomains])
+        return distance(outlines[:, None], starts).argmin(axis=0)
 
     @property
     def travel(self) -> float:
