@@ -146,7 +146,7 @@ def test_the_mean_section_of_each_subdomain_and_material_is_kept():
     some = tuple(Subdomain(each, "raster", 0.0, 0.4, 1.0, 0) for each in boxes)
     middle = section_area(0.4, HEIGHT) / LAW // 2 * 2 + 1
     width = road_width(np.array(middle * LAW), HEIGHT)
-    roads = [Road([(5, 5), (105, 5)], width), Road([(5, 15), (100, 15)], width)]
+    roads = [Road([(5, 5), (105, 5)], width), Road([(5, 15), (105, 15)], width)]
     for two, subdomains in (
         (roads, some),
         ([roads[0], dataclasses.replace(roads[1], material=1)], ()),
