@@ -106,7 +106,8 @@ def _joins(
 ) -> tuple[Ints, Floats]:
     """Edges between ends at a wall that are nearer than a road is wide, and their widths.
 
-    Else two beads would end on each other where the node of their edges lies beyond the wall.
+    Else two beads would end on each other where the node of their edges lies beyond the wall. Where
+    it lies before the wall they are joined there already.
     """
     piece, side = np.nonzero(cut)
     at, name = points[piece, side], nodes[piece, side]
@@ -127,6 +128,11 @@ def _joins(
     # The two ends of a piece that a wall cuts off on both sides are joined by the piece.
     for end in np.flatnonzero(piece[1:] == piece[:-1]).tolist():
         group[end] = end + 1
+    once = np.flatnonzero(cut[piece].sum(1) == 1)
+    inner = nodes[piece[once], 1 - side[once]]
+    _, first, same = np.unique(inner, return_index=True, return_inverse=True)
+    for end, other in zip(once.tolist(), once[first[same]].tolist(), strict=True):
+        group[end] = other
     joined = []
     for k in found.tolist():
         one, other = root(int(i[k])), root(int(j[k]))
