@@ -1,6 +1,6 @@
 """A drawing as continuous roads: clipped at the walls, each edge laid once, in trails."""
 
-from itertools import combinations
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ from shapely import MultiPolygon, Polygon
 from fdjax.part.region import Region
 from fdjax.plan.laid import Laid, shortest_road
 from fdjax.plan.room import Room, Walls
-from fdjax.plan.simplify import simplify_paths
+from fdjax.plan.simplify import pieces, simplify_paths
 from fdjax.plan.toolpath import Road
 from fdjax.plan.trail import checked
 from fdjax.road.stroke import Drawing
@@ -244,24 +244,34 @@ def _roads(drawing: Drawing, partner: list[int], tolerance: float) -> list[Road]
             paths[-1].append(node[at ^ 1])
             widths[-1].append(at // 2)
             at = partner[at ^ 1]
-    pieces, wide = simplify_paths(
-        [drawing.xy[path] for path in paths],
-        [drawing.width[width] for width in widths],
+    fewer, wide = simplify_paths(
+        _at(drawing.xy, paths),
+        _at(drawing.width, widths),
         tolerance=tolerance / 2,
     )
     ends = [*trails[1:], len(paths)]
     return [
-        _road(
-            drawing, pieces[a:b], wide[a:b], closed=b - a >= 1 and paths[a][0] == paths[b - 1][-1]
-        )
+        _road(drawing, fewer[a:b], wide[a:b], closed=b - a >= 1 and paths[a][0] == paths[b - 1][-1])
         for a, b in zip(trails, ends, strict=True)
     ]
 
 
-def _road(drawing: Drawing, pieces: list[Floats], widths: list[Floats], *, closed: bool) -> Road:
-    xy = np.concatenate([pieces[0][:1], *(piece[1:] for piece in pieces)])
+def _at(values: Floats, places: list[list[int]]) -> list[Floats]:
+    """The values at each of some lists of places."""
+    flat = np.fromiter(chain.from_iterable(places), np.intp)
+    return pieces(values[flat], [len(each) for each in places])
+
+
+def _road(drawing: Drawing, parts: list[Floats], widths: list[Floats], *, closed: bool) -> Road:
+    xy = parts[0]
+    if len(parts) > 1:
+        xy = np.concatenate([xy[:1], *(piece[1:] for piece in parts)])
     closed = closed and len(xy) > 3
     xy = xy[:-1] if closed else xy
     return Road(
-        xy, np.concatenate(widths), material=drawing.material, family=drawing.family, closed=closed
+        xy,
+        widths[0] if len(widths) == 1 else np.concatenate(widths),
+        material=drawing.material,
+        family=drawing.family,
+        closed=closed,
     )

@@ -59,7 +59,10 @@ class Road:
         if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
             raise InputError(f"road: points have shape {xy.shape}; (points, 2), at least two")
         segments = len(xy) - (not self.closed)
-        width = _frozen(np.broadcast_to(np.asarray(self.width, float), (segments,)))
+        width = np.asarray(self.width, float)
+        if width.shape != (segments,):
+            width = np.broadcast_to(width, (segments,))
+        width = _frozen(width)
         if not (np.isfinite(xy).all() and np.isfinite(width).all()):
             raise InputError("road: points and widths must be finite")
         object.__setattr__(self, "xy", xy)
