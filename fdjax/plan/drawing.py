@@ -1,5 +1,6 @@
 """A drawing as continuous roads: clipped at the walls, each edge laid once, in trails."""
 
+from heapq import heappop, heappush
 from itertools import chain, combinations
 from typing import NamedTuple
 
@@ -24,6 +25,10 @@ _SHARP = 0.5
 
 _BESIDE = 0.01
 """A join at a wall leaves the free region by less than this, mm."""
+
+_BY_ROAD = 4.0
+"""Ends at a wall are joined already where the way between them along the drawing is no longer than
+so many road widths: more would lie under that bead."""
 
 _NONE = -1
 
@@ -107,7 +112,7 @@ def _joins(
     """Edges between ends at a wall that are nearer than a road is wide, and their widths.
 
     Else two beads would end on each other where the node of their edges lies beyond the wall. Where
-    it lies before the wall they are joined there already.
+    a short way along the drawing leads from one to the other they are joined already.
     """
     piece, side = np.nonzero(cut)
     at, name = points[piece, side], nodes[piece, side]
@@ -128,19 +133,46 @@ def _joins(
     # The two ends of a piece that a wall cuts off on both sides are joined by the piece.
     for end in np.flatnonzero(piece[1:] == piece[:-1]).tolist():
         group[end] = end + 1
-    once = np.flatnonzero(cut[piece].sum(1) == 1)
-    inner = nodes[piece[once], 1 - side[once]]
-    _, first, same = np.unique(inner, return_index=True, return_inverse=True)
-    for end, other in zip(once.tolist(), once[first[same]].tolist(), strict=True):
-        group[end] = other
+    near = _Ways.of(points, nodes, _BY_ROAD * float(width.max(initial=0.0)))
     joined = []
     for k in found.tolist():
         one, other = root(int(i[k])), root(int(j[k]))
-        if one != other:
+        if one != other and not near.lead(int(name[i[k]]), int(name[j[k]])):
             group[one] = other
             joined.append(k)
     pairs = np.stack([i[joined], j[joined]], 1)
     return name[pairs], width[piece][pairs].mean(1)
+
+
+class _Ways(NamedTuple):
+    """Short ways along pieces: the `pieces` at each node, as other nodes and lengths, mm."""
+
+    pieces: dict[int, list[tuple[int, float]]]
+    reach: float
+
+    @classmethod
+    def of(cls, points: Floats, nodes: Ints, reach: float) -> "_Ways":
+        length = np.hypot(*(points[:, 1] - points[:, 0]).T)
+        short = length < reach
+        pieces: dict[int, list[tuple[int, float]]] = {}
+        for (a, b), way in zip(nodes[short].tolist(), length[short].tolist(), strict=True):
+            pieces.setdefault(a, []).append((b, way))
+            pieces.setdefault(b, []).append((a, way))
+        return cls(pieces, reach)
+
+    def lead(self, start: int, end: int) -> bool:
+        """Whether a way no longer than `reach` leads from one node to another."""
+        least = {start: 0.0}
+        waiting = [(0.0, start)]
+        while waiting:
+            far, node = heappop(waiting)
+            if node == end:
+                return True
+            for other, way in self.pieces.get(node, ()):
+                if far + way < min(self.reach, least.get(other, np.inf)):
+                    least[other] = far + way
+                    heappush(waiting, (far + way, other))
+        return False
 
 
 class _Halves(NamedTuple):

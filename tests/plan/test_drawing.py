@@ -84,6 +84,10 @@ def test_ends_near_each_other_at_a_wall_are_joined_once(before):
     node = (9.8 - before, 5.0)
     away = [(1.0, y) for y in (4.0, 6.0)] if before < 0 else [(12.0, y) for y in (3.6, 6.4)]
     edges = [(node, each) for each in away] + ([] if before < 0 else [((1.0, 5.0), node)])
+    if before > 0:
+        # The way to the node may have corners.
+        corner = tuple(np.mean([node, (9.8, 4.9)], axis=0))
+        edges = [(node, corner), (corner, away[0]), *edges[1:]]
     laid = lay_drawing(graph_of(edges), shapely.box(0, 0, 10, 10), least_road=1.0)
     lines = shapely.linestrings(edges)
     inside = shapely.length(shapely.intersection(lines, shapely.box(0.2, 0.2, 9.8, 9.8))).sum()
