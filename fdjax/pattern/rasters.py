@@ -110,6 +110,12 @@ class Rasters(AbstractSettings):
         if len(regions) > 1:
             raise InputError("rasters: all layers must have one outline")
         (region,) = regions
+        narrowest, widest = limits.road_width
+        for width in self.road_widths or ():
+            if not narrowest <= width <= widest:
+                raise InputError(
+                    f"road_widths: {width:g} mm; the machine lays {narrowest:g} to {widest:g} mm"
+                )
         outlines = self._outlines(region, target, part)
         ways = self._ways(len(part.slabs))
         fills = []
@@ -183,6 +189,11 @@ class Rasters(AbstractSettings):
         low = max(0.0, (limits.least_spacing or 0.0) - fill.width)
         high = max(4 * fill.width, 1.0)
         most = held(low)
+        if not most > 0:
+            raise InputError(
+                f"{name}: has no room for roads {fill.width:g} mm wide; take fewer or larger "
+                "sub-domains, or narrower roads"
+            )
         if most < volume * (1 - _MOST):
             raise InputError(
                 f"{name}: a solid share of {fill.asked:.3f} is asked, and roads {fill.width:g} mm "
