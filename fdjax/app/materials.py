@@ -98,7 +98,7 @@ class Materials:
         assert self.image is not None
         samples = image(self.image, extent=part.bounds, quantity="solid", low=-1.0, high=1.0).field
         assert isinstance(samples, Raster)
-        return ByPlace(_nearest(samples))
+        return ByPlace(_nearest(samples), "picture, which must not be transparent,")
 
     def check(self, machine: Machine) -> None:
         """Raise `InputError` where a machine lacks one of the two materials."""

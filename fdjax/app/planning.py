@@ -20,7 +20,7 @@ from fdjax.plan.compare import compare
 from fdjax.plan.corners import cut_corners
 from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build
-from fdjax.plan.trace import lay, trim
+from fdjax.plan.trace import lay, trim, trim_subdomains
 from fdjax.target.target import Target
 from fdjax.units import MICROSTEP
 
@@ -29,6 +29,9 @@ SHIFTS = (0.0, 0.0), (0.5, 0.5)
 
 FAINT = 0.01
 """Largest share by which sections change where the road width is given."""
+
+UNEVEN = 0.05
+"""Largest share by which the sections of a sub-domain change, for the roads that are too short."""
 
 TOLERANCE = 4e-3
 """Points so near a straight road are dropped, mm: a hundredth of a road's width."""
@@ -217,10 +220,16 @@ def trimmed_to(job: Job, result: Design, plan: Build, machine: Machine) -> Build
     """
     if not plan.volume > 0:
         return plan
-    trimmed = trim(plan, result.volume)
+    asked = result.pattern.facts(result.controls).get("subdomains", ())
+    if asked and all(each["by_target"] for each in asked):
+        height = result.part.height
+        volumes = [each["solid_asked"] * each["area"] * height for each in asked]
+        trimmed, faint = trim_subdomains(plan, volumes, most=UNEVEN), True
+    else:
+        trimmed = trim(plan, result.volume)
+        faint = abs(result.volume / plan.volume - 1) < FAINT
     if job.pattern.width_is_free:
         return trimmed
     low, high = machine.limits.road_width
     widths = np.concatenate([road.width for layer in trimmed.layers for road in layer.roads])
-    faint = abs(result.volume / plan.volume - 1) < FAINT
     return trimmed if faint and low <= widths.min() and widths.max() <= high else plan

@@ -167,19 +167,31 @@ def ends(length: int, sml: Sml) -> tuple[int, int]:
 def _pieces(steps: Ints, asked: Floats, sml: Sml) -> list[tuple[int, int, list[int]]]:
     """First point, last point and starts of runs of each piece that the road must be cut into.
 
-    The pieces have equal numbers of segments, one more piece being tried until all keep within
-    the limits.
+    The pieces have equal numbers of segments, or lengths as equal as may be where the shortest is
+    twice as long then; one more piece is tried until all keep within the limits.
     """
     segments = len(asked)
     count = max(
         math.ceil(segments / MOST_ACTIONS),
         math.ceil(len(_runs(steps, asked, sml)) / _MOST_RUNS),
     )
+    reach = np.concatenate([[0.0], np.cumsum(lengths_of(steps))])
     while True:
-        cuts = [segments * k // count for k in range(count + 1)]
-        pieces = [(a, b, _runs(steps[a : b + 1], asked[a:b], sml)) for a, b in pairwise(cuts)]
-        if all(_within_limits(steps[a : b + 1], starts) for a, b, starts in pieces):
-            return pieces
+        shares = np.arange(count + 1) / count
+        made: list[tuple[float, list[tuple[int, int, list[int]]]]] = []
+        for cuts in (
+            np.arange(count + 1) * segments // count,
+            np.abs(reach[:, None] - shares * reach[-1]).argmin(axis=0),
+        ):
+            if (np.diff(cuts) < 1).any():
+                continue
+            pieces = [
+                (a, b, _runs(steps[a : b + 1], asked[a:b], sml)) for a, b in pairwise(cuts.tolist())
+            ]
+            if all(_within_limits(steps[a : b + 1], starts) for a, b, starts in pieces):
+                made.append((float(np.diff(reach[cuts]).min()), pieces))
+        if made:
+            return made[-1 if made[-1][0] > 2 * made[0][0] else 0][1]
         count += 1
 
 

@@ -58,11 +58,17 @@ def contours(room: Outline, width: float, spacing: float, phase: float) -> list[
     return found
 
 
-def raster(room: Outline, angle: float, spacing: float, phase: float) -> list[Floats]:
+def raster(
+    room: Outline, angle: float, spacing: float, phase: float, *, apart: float = 0.0
+) -> list[Floats]:
     """Open paths (n, 2) of parallel lines at (k + phase) spacings, joined at the room's sides.
 
-    `angle`: of the lines with the x axis, degrees. A line goes on to the next at the same side
-    where the straight way keeps to the room and is no longer than ten spacings.
+    - `angle`: of the lines with the x axis, degrees.
+    - `apart`: what ends that face each other keep from each other, mm, where a corner or a hole
+      that reaches just over a line cuts it in two; and what turns keep from other lines.
+
+    A line goes on to the next at the same side where the straight way keeps to the room and is no
+    longer than ten spacings.
     """
     turned = shapely.affinity.rotate(room, -angle, origin=(0, 0))
     x0, y0, x1, y1 = turned.bounds
@@ -72,43 +78,65 @@ def raster(room: Outline, angle: float, spacing: float, phase: float) -> list[Fl
     lines = shapely.linestrings(np.stack([ends, np.repeat(places[:, None], 2, 1)], -1))
     cut = shapely.intersection(lines, turned)
     parts, owner = shapely.get_parts(cut, return_index=True)
-    long = shapely.length(parts) > _INSIDE
-    bounds = shapely.bounds(parts[long])
+    bounds = shapely.bounds(parts)
+    in_order = np.lexsort((bounds[:, 0], owner))
+    bounds, owner = bounds[in_order], owner[in_order]
+    short = np.where(owner[1:] == owner[:-1], apart - (bounds[1:, 0] - bounds[:-1, 2]), 0.0)
+    bounds[1:, 0] += np.maximum(short, 0) / 2
+    bounds[:-1, 2] -= np.maximum(short, 0) / 2
+    long = bounds[:, 2] - bounds[:, 0] > _INSIDE
     reach = shapely.buffer(turned, _INSIDE)
     shapely.prepare(reach)
     turn = np.exp(1j * np.radians(angle))
     return [
         np.stack([path.real, path.imag], 1)
-        for chain in _chains(bounds, owner[long], reach, _LONGEST_TURN * spacing)
+        for chain in _chains(bounds[long], owner[long], reach, _LONGEST_TURN * spacing, apart)
         if len(path := (np.array(chain) @ [1, 1j]) * turn) > 1
     ]
 
 
 def _chains(
-    bounds: Floats, owner: NDArray[np.intp], reach: Outline, longest: float
+    bounds: Floats, owner: NDArray[np.intp], reach: Outline, longest: float, apart: float
 ) -> Iterator[list[tuple[float, float]]]:
     """Runs over the pieces of lines, each of which is (x0, y, x1, y), line by line."""
     before: list[_Run] = []
     now: list[_Run] = []
-    number = -1
-    for (x0, y, x1, _), line in zip(bounds.tolist(), owner.tolist(), strict=True):
-        if line != number:
-            yield from (run.points for run in before)
-            before, now, number = now, [], line
+    for line in np.unique(owner):
+        pieces = bounds[owner == line]
+        # A turn touches the two pieces that it joins, and is clear of all else beside it.
+        beside = [run.last for run in before] + [shapely.LineString([p[:2], p[2:]]) for p in pieces]
         ways = [
-            (float(np.hypot(run.end(left)[0] - x, run.end(left)[1] - y)), k, left)
+            (float(np.hypot(run.end(left)[0] - x, run.end(left)[1] - y)), k, piece, left)
+            for piece, (x0, y, x1, _) in enumerate(pieces.tolist())
             for k, run in enumerate(before)
             for left, x in ((True, x0), (False, x1))
             if left in run.sides
         ]
-        for length, k, left in sorted(ways):
-            way = shapely.LineString([before[k].end(left), (x0 if left else x1, y)])
-            if length <= longest and reach.covers(way):
-                now.append(before.pop(k).on(left, (x0, y), (x1, y)))
+        first = len(before)
+        onward: dict[int, tuple[int, bool]] = {}
+        for length, k, piece, left in sorted(ways):
+            if length > longest:
                 break
-        else:
-            now.append(_Run([(x0, y), (x1, y)], (True, False)))
-    yield from (run.points for run in [*before, *now])
+            if piece in onward or k in (run for run, _ in onward.values()):
+                continue
+            x0, y, x1, _ = pieces[piece].tolist()
+            way = shapely.LineString([before[k].end(left), (x0 if left else x1, y)])
+            others = [each for at, each in enumerate(beside) if at not in (k, first + piece)]
+            if reach.covers(way) and (
+                not others or shapely.distance(others, way).min() >= apart - _INSIDE
+            ):
+                onward[piece] = k, left
+                beside.append(way)
+        for piece, (x0, y, x1, _) in enumerate(pieces.tolist()):
+            if piece in onward:
+                k, left = onward[piece]
+                now.append(before[k].on(left, (x0, y), (x1, y)))
+            else:
+                now.append(_Run([(x0, y), (x1, y)], (True, False)))
+        taken = {k for k, _ in onward.values()}
+        yield from (run.points for k, run in enumerate(before) if k not in taken)
+        before, now = now, []
+    yield from (run.points for run in before)
 
 
 class _Run(NamedTuple):
@@ -119,6 +147,11 @@ class _Run(NamedTuple):
 
     points: list[tuple[float, float]]
     sides: tuple[bool, ...]
+
+    @property
+    def last(self) -> shapely.LineString:
+        """The line that it ends with."""
+        return shapely.LineString(self.points[-2:])
 
     def end(self, left: bool) -> tuple[float, float]:
         return self.points[0] if left and len(self.sides) == 2 else self.points[-1]

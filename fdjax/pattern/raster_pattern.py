@@ -83,7 +83,7 @@ class Fill:
         if self.kind == "contour":
             # The first keeps an air gap from the perimeters, as the others do.
             return closed + contours(room, self.width, spacing, way.phase * self.gap / spacing), []
-        return closed, raster(room, self.angle + way.turn, spacing, way.phase)
+        return closed, raster(room, self.angle + way.turn, spacing, way.phase, apart=step)
 
     def length(self, way: Way) -> float:
         """Length of centre line on a layer, mm."""

@@ -110,6 +110,12 @@ class Rasters(AbstractSettings):
         if len(regions) > 1:
             raise InputError("rasters: all layers must have one outline")
         (region,) = regions
+        narrowest, widest = limits.road_width
+        for width in self.road_widths or ():
+            if not narrowest <= width <= widest:
+                raise InputError(
+                    f"road_widths: {width:g} mm; the machine lays {narrowest:g} to {widest:g} mm"
+                )
         outlines = self._outlines(region, target, part)
         ways = self._ways(len(part.slabs))
         fills = []
@@ -183,27 +189,39 @@ class Rasters(AbstractSettings):
         low = max(0.0, (limits.least_spacing or 0.0) - fill.width)
         high = max(4 * fill.width, 1.0)
         most = held(low)
+        if not most > 0:
+            raise InputError(
+                f"{name}: has no room for roads {fill.width:g} mm wide; take fewer or larger "
+                "sub-domains, or narrower roads"
+            )
         if most < volume * (1 - _MOST):
             raise InputError(
                 f"{name}: a solid share of {fill.asked:.3f} is asked, and roads {fill.width:g} mm "
                 f"wide that touch hold {most / fill.outline.area / part.height:.3f}"
             )
         size = max(np.ptp(np.reshape(fill.outline.bounds, (2, 2)), axis=0))
-        while held(high) > volume:
+        while (least := held(high)) > volume:
+            if high > 2 * size and least * (1 - _MOST) <= volume:
+                return self._sized(fill.at(high), volume / least, part)
             if high > 2 * size:
                 raise InputError(
                     f"{name}: a solid share of {fill.asked:.3f} is asked, and its perimeters alone "
-                    f"hold {held(high) / fill.outline.area / part.height:.3f}"
+                    f"hold {least / fill.outline.area / part.height:.3f}; ask for more, for larger "
+                    "sub-domains or for fewer perimeters"
                 )
             low, high = high, 2 * high
         for _ in range(_HALVES):
             middle = (low + high) / 2
             low, high = (middle, high) if held(middle) > volume else (low, middle)
         gap = min((low, high), key=lambda each: abs(held(each) - volume))
-        share = float(np.clip(volume / held(gap), 1 - _MOST, 1 + _MOST))
+        return self._sized(fill.at(gap), volume / held(gap), part)
+
+    def _sized(self, fill: Fill, share: float, part: Part) -> Fill:
+        """A fill whose sections are larger by a share, up to `_MOST`."""
+        share = float(np.clip(share, 1 - _MOST, 1 + _MOST))
         height = float(np.mean([slab.height for slab in part.slabs]))
         section = share * float(section_area(fill.width, height))
-        return fill.at(gap).laid_at(float(road_width(np.array(section), height)))
+        return fill.laid_at(float(road_width(np.array(section), height)))
 
 
 def _of(values: tuple[Any, ...], number_: int) -> Any:

@@ -64,6 +64,8 @@ class UnitCell:
         edges, home = node.reshape(-1, 2), home.reshape(-1, 2, 2)
         shift = home[:, 1] - home[:, 0]
         moved = (edges[:, 0] != edges[:, 1]) | shift.any(1)
+        if not moved.any():
+            raise InputError("cell: its lines have no length")
         cell = cls((float(period[0]), float(period[1])), within[first], edges[moved], shift[moved])
         cell._check(ends)
         return cell

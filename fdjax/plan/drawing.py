@@ -1,6 +1,7 @@
 """A drawing as continuous roads: clipped at the walls, each edge laid once, in trails."""
 
-from itertools import combinations
+from heapq import heappop, heappush
+from itertools import chain, combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +12,7 @@ from shapely import MultiPolygon, Polygon
 from fdjax.part.region import Region
 from fdjax.plan.laid import Laid, shortest_road
 from fdjax.plan.room import Room, Walls
-from fdjax.plan.simplify import simplify_paths
+from fdjax.plan.simplify import pieces, simplify_paths
 from fdjax.plan.toolpath import Road
 from fdjax.plan.trail import checked
 from fdjax.road.stroke import Drawing
@@ -24,6 +25,10 @@ _SHARP = 0.5
 
 _BESIDE = 0.01
 """A join at a wall leaves the free region by less than this, mm."""
+
+_BY_ROAD = 4.0
+"""Ends at a wall are joined already where the way between them along the drawing is no longer than
+so many road widths: more would lie under that bead."""
 
 _NONE = -1
 
@@ -106,7 +111,8 @@ def _joins(
 ) -> tuple[Ints, Floats]:
     """Edges between ends at a wall that are nearer than a road is wide, and their widths.
 
-    Else two beads would end on each other where the node of their edges lies beyond the wall.
+    Else two beads would end on each other where the node of their edges lies beyond the wall. Where
+    a short way along the drawing leads from one to the other they are joined already.
     """
     piece, side = np.nonzero(cut)
     at, name = points[piece, side], nodes[piece, side]
@@ -127,14 +133,46 @@ def _joins(
     # The two ends of a piece that a wall cuts off on both sides are joined by the piece.
     for end in np.flatnonzero(piece[1:] == piece[:-1]).tolist():
         group[end] = end + 1
+    near = _Ways.of(points, nodes, _BY_ROAD * float(width.max(initial=0.0)))
     joined = []
     for k in found.tolist():
         one, other = root(int(i[k])), root(int(j[k]))
-        if one != other:
+        if one != other and not near.lead(int(name[i[k]]), int(name[j[k]])):
             group[one] = other
             joined.append(k)
     pairs = np.stack([i[joined], j[joined]], 1)
     return name[pairs], width[piece][pairs].mean(1)
+
+
+class _Ways(NamedTuple):
+    """Short ways along pieces: the `pieces` at each node, as other nodes and lengths, mm."""
+
+    pieces: dict[int, list[tuple[int, float]]]
+    reach: float
+
+    @classmethod
+    def of(cls, points: Floats, nodes: Ints, reach: float) -> "_Ways":
+        length = np.hypot(*(points[:, 1] - points[:, 0]).T)
+        short = length < reach
+        pieces: dict[int, list[tuple[int, float]]] = {}
+        for (a, b), way in zip(nodes[short].tolist(), length[short].tolist(), strict=True):
+            pieces.setdefault(a, []).append((b, way))
+            pieces.setdefault(b, []).append((a, way))
+        return cls(pieces, reach)
+
+    def lead(self, start: int, end: int) -> bool:
+        """Whether a way no longer than `reach` leads from one node to another."""
+        least = {start: 0.0}
+        waiting = [(0.0, start)]
+        while waiting:
+            far, node = heappop(waiting)
+            if node == end:
+                return True
+            for other, way in self.pieces.get(node, ()):
+                if far + way < min(self.reach, least.get(other, np.inf)):
+                    least[other] = far + way
+                    heappush(waiting, (far + way, other))
+        return False
 
 
 class _Halves(NamedTuple):
@@ -238,24 +276,34 @@ def _roads(drawing: Drawing, partner: list[int], tolerance: float) -> list[Road]
             paths[-1].append(node[at ^ 1])
             widths[-1].append(at // 2)
             at = partner[at ^ 1]
-    pieces, wide = simplify_paths(
-        [drawing.xy[path] for path in paths],
-        [drawing.width[width] for width in widths],
+    fewer, wide = simplify_paths(
+        _at(drawing.xy, paths),
+        _at(drawing.width, widths),
         tolerance=tolerance / 2,
     )
     ends = [*trails[1:], len(paths)]
     return [
-        _road(
-            drawing, pieces[a:b], wide[a:b], closed=b - a >= 1 and paths[a][0] == paths[b - 1][-1]
-        )
+        _road(drawing, fewer[a:b], wide[a:b], closed=b - a >= 1 and paths[a][0] == paths[b - 1][-1])
         for a, b in zip(trails, ends, strict=True)
     ]
 
 
-def _road(drawing: Drawing, pieces: list[Floats], widths: list[Floats], *, closed: bool) -> Road:
-    xy = np.concatenate([pieces[0][:1], *(piece[1:] for piece in pieces)])
+def _at(values: Floats, places: list[list[int]]) -> list[Floats]:
+    """The values at each of some lists of places."""
+    flat = np.fromiter(chain.from_iterable(places), np.intp)
+    return pieces(values[flat], [len(each) for each in places])
+
+
+def _road(drawing: Drawing, parts: list[Floats], widths: list[Floats], *, closed: bool) -> Road:
+    xy = parts[0]
+    if len(parts) > 1:
+        xy = np.concatenate([xy[:1], *(piece[1:] for piece in parts)])
     closed = closed and len(xy) > 3
     xy = xy[:-1] if closed else xy
     return Road(
-        xy, np.concatenate(widths), material=drawing.material, family=drawing.family, closed=closed
+        xy,
+        widths[0] if len(widths) == 1 else np.concatenate(widths),
+        material=drawing.material,
+        family=drawing.family,
+        closed=closed,
     )

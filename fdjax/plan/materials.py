@@ -24,10 +24,12 @@ _FINE = 0.5
 class ByPlace:
     """Above or below by the sign of a function at a place, 0 is above.
 
-    `function(x, y, z)` takes and gives arrays (n,), mm. Raises `InputError` where it is not finite.
+    `function(x, y, z)` takes and gives arrays (n,), mm; `name`: what it is called. Raises
+    `InputError` where it is not finite.
     """
 
     function: Callable[[Floats, Floats, Floats], Floats]
+    name: str = "function"
 
     def __call__(self, xyz: Floats, volumes: Floats) -> Bools:
         with np.errstate(all="ignore"):
@@ -36,7 +38,7 @@ class ByPlace:
         if bad.any():
             x, y, z = xyz[bad][0]
             raise InputError(
-                f"materials: the function is {value[bad][0]} at ({x:.4g}, {y:.4g}, {z:.4g}) mm; "
+                f"materials: the {self.name} is {value[bad][0]} at ({x:.4g}, {y:.4g}, {z:.4g}) mm; "
                 "it must be finite wherever a road is"
             )
         return value >= 0

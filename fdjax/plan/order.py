@@ -25,6 +25,16 @@ _FEW = 50
 """With more roads than this only the better of the nearest first and the order as given is
 shortened."""
 
+_MANY = 2000
+"""With more roads than this only one end of the first is tried where no start is given."""
+
+_LONGEST_TURN = 10_000
+"""Longest stretch of the order, in ends, that is turned round or passed by what is moved: with
+very many roads these steps would grow with their square."""
+
+_QUERY = 32
+"""So many nearest ends are looked at first where all neighbours of an end are taken."""
+
 _GAIN = 1e-9
 
 
@@ -48,13 +58,14 @@ def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> lis
         return []
     ends = np.stack([road.path[[0, -1]] for road in roads])
     begin = None if start is None else np.asarray(start, float)
-    begins = ends.reshape(-1, 2)[: 2 * _STARTS] if begin is None else [begin]
-    orders = [_nearest_first(ends, at) for at in begins] + [list(range(2 * len(roads)))]
-    tours = [_Tour(ends, begin, met) for met in orders]
+    tried = 2 * _STARTS if len(roads) <= _MANY else 1
+    begins = ends.reshape(-1, 2)[:tried] if begin is None else [begin]
+    neighbours = _neighbours(ends)
+    orders = [_nearest_first(ends, at, neighbours) for at in begins]
+    tours = [_Tour(ends, begin, met) for met in [*orders, list(range(2 * len(roads)))]]
     if len(roads) > _FEW:
         tours = [min(tours, key=_Tour.travel)]
     if len(roads) > 1:
-        neighbours = _neighbours(ends)
         for tour in tours:
             tour.shorten(neighbours)
     best = min(tours, key=_Tour.travel)
@@ -62,25 +73,44 @@ def order_roads(roads: Sequence[Road], *, start: ArrayLike | None = None) -> lis
     return [reversed_road(roads[end // 2]) if end % 2 else roads[end // 2] for end in firsts]
 
 
-def _nearest_first(ends: Floats, begin: Floats) -> list[int]:
+def _nearest_first(ends: Floats, begin: Floats, neighbours: list[list[int]]) -> list[int]:
     """Ends in the order in which they are met; end `2 k` is the first of road k."""
-    free = ends.reshape(-1, 2).copy()
+    points = ends.reshape(-1, 2)
+    taken = np.zeros(len(points), bool)
+    left = np.arange(len(points))
+    tree = KDTree(points)
+
+    def nearest(here: Floats) -> int:
+        nonlocal left, tree
+        if 2 * np.count_nonzero(taken[left]) > len(left):
+            left = left[~taken[left]]
+            tree = KDTree(points[left])
+        count = _QUERY
+        while True:
+            gaps, found = tree.query(here, min(count, len(left)))
+            gaps, found = np.atleast_1d(gaps), left[np.atleast_1d(found)]
+            free = ~taken[found]
+            if free.any():
+                return int(found[free & (gaps <= gaps[free][0])].min())
+            count *= 4
+
+    end = nearest(begin)
     met: list[int] = []
-    here = begin
     for _ in range(len(ends)):
-        offset = free - here
-        end = int(np.argmin((offset * offset).sum(1)))
         met += [end, end ^ 1]
-        here = ends[end // 2, 1 - end % 2]
-        free[end] = free[end ^ 1] = np.inf
+        taken[end] = taken[end ^ 1] = True
+        if len(met) < len(points):
+            after = next((other for other in neighbours[end ^ 1] if not taken[other]), None)
+            end = nearest(points[end ^ 1]) if after is None else after
     return met
 
 
 def _neighbours(ends: Floats) -> list[list[int]]:
-    """The nearest ends of other roads to each end, nearest first."""
+    """The nearest ends of other roads to each end, nearest first, of equals the first road's."""
     points = ends.reshape(-1, 2)
     count = min(_NEIGHBOURS + 2, len(points))
-    near = np.asarray(KDTree(points).query(points, count)[1])
+    gaps, near = KDTree(points).query(points, count)
+    near = np.take_along_axis(near, np.lexsort((near, gaps)), axis=1)
     own = np.arange(len(points))[:, None]
     return [
         row[others].tolist()
@@ -144,6 +174,8 @@ class _Tour:
             won += self._gap(other, before)
             if side == beside and won - self._gap(linked, before) > _GAIN:
                 low, high = sorted((place, there))
+                if high - low > _LONGEST_TURN:
+                    continue
                 self._turn(low + (side > 0), high + (side > 0))
                 return end, other, linked, before
             for size in range(2, 2 * _LONGEST_MOVE + 1, 2):
@@ -152,6 +184,8 @@ class _Tour:
                     break
                 low, high = sorted((place, far))
                 if low <= there <= high or low <= there + beside <= high:
+                    continue
+                if abs(there - place) > _LONGEST_TURN:
                     continue
                 last, after = self.stops[far], self.stops[far - side]
                 cost = self._gap(linked, after) + self._gap(last, before)

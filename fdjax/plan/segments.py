@@ -190,7 +190,9 @@ class Segments:
 
     @cached_property
     def nodes(self) -> "Nodes":
-        """The points that several roads, or one several times, have among theirs."""
+        """The points that several roads, or one several times, have among theirs, but for those at
+        which one road was cut in two.
+        """
         road = np.concatenate([self.road, self.road])
         at = np.concatenate([self.at, self.at + self.length])
         total = self.road_length[road]
@@ -203,7 +205,17 @@ class Segments:
         number = np.cumsum(shared) - 1
         kept = shared[node]
         xy = np.concatenate([self.start, self.end])[first[shared]]
-        return Nodes(xy, number[node[kept]], road[kept])
+        node, road = number[node[kept]], road[kept]
+        # A road that begins where the one before it ends, and at no third, was cut off it there.
+        ends = np.round(self.road_ends / _TOUCH) @ [1, 1j]
+        open_ = ~self.closed
+        cut = (ends[1:, 0] == ends[:-1, 1]) & open_[1:] & open_[:-1]
+        crowded = np.round(xy[np.bincount(node, minlength=len(xy)) > 2] / _TOUCH) @ [1, 1j]
+        cut &= ~np.isin(ends[1:, 0], crowded)
+        run = np.cumsum(np.concatenate([[True], ~cut])) - 1
+        joint = np.isin(np.round(xy / _TOUCH) @ [1, 1j], ends[1:, 0][cut])
+        kept = ~joint[node]
+        return Nodes(xy, node[kept], run[road[kept]], run)
 
     def at_free_end(self, index: Ints, share: Floats) -> NDArray[np.bool_]:
         """Whether the place at this share of a segment is where an open road starts or ends."""
@@ -227,11 +239,14 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Points that roads share, shape (nodes, 2), mm, and the node and the road of each pass."""
+    """Points that roads share, shape (nodes, 2), mm; the node and the run of each pass; and the
+    run that each road belongs to: pieces of one that follow each other are one run.
+    """
 
     xy: Floats
     node: Ints
-    road: Ints
+    run: Ints
+    of_road: Ints
 
 
 def _cross(a: Floats, b: Floats) -> Floats:

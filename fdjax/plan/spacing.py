@@ -87,18 +87,19 @@ def _at_a_node(
 ) -> NDArray[np.bool_]:
     """Whether the way between two places of two roads, by a node of both, is within reach."""
     found = np.zeros(len(reach), bool)
-    if not len(nodes.xy):
+    if not len(nodes.node):
         return found
+    runs = tuple(nodes.of_road[road] for road in roads)
     tree = STRtree(np.asarray(points(nodes.xy)))
     pair, node = tree.query(points(places[0]), predicate="dwithin", distance=reach)
     way = sum(np.hypot(*(place[pair] - nodes.xy[node]).T) for place in places)
     # Passes of a road through a node: of one road with itself two are needed.
-    count = int(max(nodes.road.max(), *(road.max() for road in roads))) + 1
-    passes, times = np.unique(nodes.node * count + nodes.road, return_counts=True)
+    count = int(nodes.of_road.max()) + 1
+    passes, times = np.unique(nodes.node * count + nodes.run, return_counts=True)
     meet = way <= reach[pair]
-    needed = 1 + (roads[0] == roads[1])[pair]
-    for road in roads:
-        key = node * count + road[pair]
+    needed = 1 + (runs[0] == runs[1])[pair]
+    for run in runs:
+        key = node * count + run[pair]
         at = np.minimum(np.searchsorted(passes, key), len(passes) - 1)
         meet &= (passes[at] == key) & (times[at] >= needed)
     found[pair[meet]] = True

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from shapely import MultiPolygon, Polygon, get_precision, set_precision
+from shapely import MultiPolygon, Polygon, distance, get_precision, points, set_precision
 
 from fdjax.errors import InputError
 from fdjax.road.bead import section_area
@@ -59,7 +59,10 @@ class Road:
         if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
             raise InputError(f"road: points have shape {xy.shape}; (points, 2), at least two")
         segments = len(xy) - (not self.closed)
-        width = _frozen(np.broadcast_to(np.asarray(self.width, float), (segments,)))
+        width = np.asarray(self.width, float)
+        if width.shape != (segments,):
+            width = np.broadcast_to(width, (segments,))
+        width = _frozen(width)
         if not (np.isfinite(xy).all() and np.isfinite(width).all()):
             raise InputError("road: points and widths must be finite")
         object.__setattr__(self, "xy", xy)
@@ -207,6 +210,15 @@ class Layer:
         if isinstance(roads, Roads):
             return roads.material
         return np.array([road.material for road in roads], int)
+
+    @cached_property
+    def owners(self) -> NDArray[np.intp]:
+        """Number of the sub-domain that each road lies in, shape (roads,); 0 in a whole layer."""
+        if len(self.subdomains) < 2:
+            return np.zeros(len(self.roads), np.intp)
+        starts = points([road.xy[0] for road in self.roads])
+        outlines = np.array([some.outline for some in self.subdomains])
+        return distance(outlines[:, None], starts).argmin(axis=0)
 
     @property
     def travel(self) -> float:

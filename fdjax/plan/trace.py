@@ -4,6 +4,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from fdjax.errors import InputError
 from fdjax.part.part import Part, Slab
 from fdjax.plan.drawing import lay_drawing
@@ -118,14 +121,42 @@ def trim(build: Build, volume: float) -> Build:
     if not build.volume > 0:
         raise InputError("trim: the build has no roads to scale")
     share = volume / build.volume
+    return _scaled(build, [np.full(len(layer.roads), share) for layer in build.layers])
 
-    def scaled(road: Road, height: float) -> Road:
+
+def trim_subdomains(build: Build, volumes: ArrayLike, *, most: float) -> Build:
+    """The build with the sections of each sub-domain scaled, so that it deposits its own volume.
+
+    - `volumes`: of the sub-domains in the order of the layers' `subdomains`, (d,), mm^3.
+    - `most`: share by which the sections of a sub-domain may change; where it takes more they
+      change by this much.
+    """
+    owners = [layer.owners for layer in build.layers]
+    held = np.zeros(len(np.atleast_1d(volumes)))
+    for layer, owner in zip(build.layers, owners, strict=True):
+        for road, number in zip(layer.roads, owner, strict=True):
+            held[number] += road.segment_volumes(layer.height).sum()
+    share = np.divide(volumes, held, out=np.ones_like(held), where=held > 0)
+    share = np.clip(share, 1 - most, 1 + most)
+    return _scaled(build, [share[owner] for owner in owners])
+
+
+def _scaled(build: Build, shares: Sequence[NDArray[np.float64]]) -> Build:
+    """The build with each road's sections scaled by its own share, layer by layer."""
+
+    def scaled(road: Road, height: float, share: float) -> Road:
         section = share * road.areas(height)
         own = None if road.section is None else section
         return replace(road, width=road_width(section, height), section=own)
 
     layers = tuple(
-        replace(layer, roads=tuple(scaled(road, layer.height) for road in layer.roads))
-        for layer in build.layers
+        replace(
+            layer,
+            roads=tuple(
+                scaled(road, layer.height, float(each))
+                for road, each in zip(layer.roads, own, strict=True)
+            ),
+        )
+        for layer, own in zip(build.layers, shares, strict=True)
     )
     return build.replace(layers=layers)

@@ -6,12 +6,13 @@ import pytest
 from format_samples import builds, pairs, small_build
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shapely import LineString
+from shapely import LineString, box
 
 from fdjax.errors import InputError
 from fdjax.formats import profile, sml
 from fdjax.plan.toolpath import Build, Layer, Road
-from fdjax.road.bead import section_area
+from fdjax.road.bead import road_width, section_area
+from fdjax.road.stroke import Subdomain
 from fdjax.units import MICROSTEP
 
 FDM = profile.load("stratasys-fdm1650")
@@ -138,6 +139,25 @@ def test_the_mean_section_is_kept_by_neighbours():
         assert np.abs(groups / asked - 1).max() < 2 * LAW / asked / k
 
 
+def test_the_mean_section_of_each_subdomain_and_material_is_kept():
+    # The same long road and short one on every layer: rounding one down and the other up would
+    # keep the mean of both together.
+    boxes = [box(0, 0, 120, 10), box(0, 10, 120, 20)]
+    some = tuple(Subdomain(each, "raster", 0.0, 0.4, 1.0, 0) for each in boxes)
+    middle = section_area(0.4, HEIGHT) / LAW // 2 * 2 + 1
+    width = road_width(np.array(middle * LAW), HEIGHT)
+    roads = [Road([(5, 5), (105, 5)], width), Road([(5, 15), (105, 15)], width)]
+    for two, subdomains in (
+        (roads, some),
+        ([roads[0], dataclasses.replace(roads[1], material=1)], ()),
+    ):
+        layers = tuple(Layer(k * HEIGHT, HEIGHT, two, None, 0.0, subdomains) for k in range(1, 11))
+        fitted = sml.fit(Build(layers), FDM)
+        for number in (0, 1):
+            sections = [section_area(layer.roads[number].width, HEIGHT) for layer in fitted.layers]
+            assert np.mean(sections) == pytest.approx(middle * LAW)
+
+
 def test_volume_is_kept_with_graded_widths():
     x = np.linspace(0, 100, 101)
     roads = [
@@ -181,6 +201,13 @@ def test_a_road_of_more_than_200_segments_is_cut():
     assert [len(road.width) for road in fitted] == [133, 134, 134]
     whole = fitted_roads(Road(np.stack([np.cos(x), np.sin(x)], 1)[:190] * 20, 0.5, closed=True))
     assert [road.closed for road in whole] == [True]
+
+
+def test_a_road_is_cut_where_no_piece_is_short():
+    x = np.concatenate([np.arange(110) * 0.1, 11 + np.arange(110)])
+    pieces = fitted_roads(Road(np.stack([x, np.sin(x)], 1), 0.5))
+    assert len(pieces) == 2
+    assert min(road.length for road in pieces) > 50
 
 
 def test_a_path_longer_than_the_limit_is_cut():

@@ -1,5 +1,7 @@
 """Sub-domains with rasters: how a region is cut, what is laid in each, and what is refused."""
 
+from itertools import pairwise
+
 import jax
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from fdjax.pattern.rasters import Rasters
 from fdjax.plan.check import check
 from fdjax.plan.measure import solid_shares
 from fdjax.plan.trace import lay
+from fdjax.road.bead import section_area
 from fdjax.target.target import expression
 
 MARLIN = profile.load("marlin-0.4")
@@ -77,6 +80,42 @@ def test_lines_have_their_angle_and_spacing_and_turn_on_the_next_layer():
     path = raster(shapely.box(0, 0, 10, 9), 0.0, 2.0, 0.5)
     assert sorted({float(y) for xy in path for y in xy[:, 1].round(9)}) == [1, 3, 5, 7, 9]
     assert len(path) == 1
+
+
+def test_lines_that_a_hole_or_a_corner_just_cuts_keep_apart():
+    # The hole reaches .02 mm over the line at y = 5, the notch as far over that at y = 3.
+    room = shapely.box(0, 0, 20, 10).difference(shapely.Point(6, 7).buffer(2.02, quad_segs=32))
+    room = room.difference(shapely.Polygon([(12, 2.98), (10, 0), (14, 0)]))
+    paths = raster(room, 0.0, 2.0, 0.5, apart=0.4)
+    lines = shapely.linestrings([xy for path in paths for xy in pairwise(path)])
+    i, j = np.triu_indices(len(lines), 1)
+    lengths = shapely.distance(lines[i], lines[j])
+    meet = lengths == 0
+    # What meets are the sides of a path's corners.
+    assert meet.sum() == sum(len(path) - 2 for path in paths)
+    assert lengths[~meet].min() > 0.4 - 1e-9
+    assert sum(shapely.length(lines)) > 90
+
+
+@pytest.mark.parametrize("angle", [45.0, 63.0, 135.0, 160.0])
+def test_holes_and_corners_within_subdomains_are_no_fault(angle):
+    outline = shapely.Polygon([(0, 0), (40, 0), (40, 17), (16, 17), (16, 40), (0, 40)])
+    outline = outline.difference(shapely.Point(13, 12).buffer(4))
+    flat = expression("0.3", quantity="solid")
+    part, pattern = begun(outline, flat, domains={"grid": (3, 3)}, angles=(angle,), layers=10)
+    found = check(laid(part, pattern).replace(origin=(50, 50)), MARLIN.limits)
+    assert [each for each in found if each.severity == "error"] == []
+
+
+def test_perimeters_that_hold_a_little_too_much_are_laid_thinner():
+    part, pattern = begun(PLATE, perimeters=4, layers=2)
+    (fill,) = pattern.fills
+    held = fill.at(1e3).laid_at(0.4)
+    share = held.length(pattern.ways[0]) * section_area(0.4, 0.2) / (PLATE.area * 0.2)
+    little = expression(f"{0.98 * share}", quantity="solid")
+    part, pattern = begun(PLATE, little, perimeters=4, layers=2)
+    (got,) = solid_shares(laid(part, pattern), [PLATE])
+    assert got == pytest.approx(0.98 * share, rel=1e-3)
 
 
 def test_contours_lie_at_equal_distances():
@@ -151,6 +190,8 @@ LEFT, RIGHT = ((0, 0), (20, 0), (20, 30), (0, 30)), ((20, 0), (40, 0), (40, 30),
         ({"domains": {"levels": (0.4, 0.3)}}, LINEAR, "levels must rise"),
         ({}, expression("0.99", quantity="solid"), "sub-domain 1: a solid share of 0.990"),
         ({"perimeters": 20}, expression("0.1", quantity="solid"), "its perimeters alone"),
+        ({"road_widths": (0.4, 0.1)}, LINEAR, "road_widths: 0.1 mm; the machine lays 0.3 to 0.8"),
+        ({"domains": {"grid": (100, 100)}}, LINEAR, "sub-domain 1: has no room for roads"),
     ],
 )
 def test_what_cannot_be_filled_is_refused(settings, target, words):

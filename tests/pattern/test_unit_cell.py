@@ -66,6 +66,11 @@ def test_drawings_that_do_not_repeat_are_refused_with_the_place(lines, words):
     assert "\n" not in str(caught.value)
 
 
+def test_lines_without_length_are_refused():
+    with pytest.raises(InputError, match="have no length"):
+        UnitCell.of([[(0.2, 0.3), (0.2, 0.3)]], (1, 1))
+
+
 def test_a_size_must_be_positive():
     with pytest.raises(InputError, match="must be positive"):
         UnitCell.of([[(0, 0), (1, 0)]], (1, 0))

@@ -55,6 +55,18 @@ def test_crossing_roads():
     assert "error: crossing, layer 0 at (5.000, 5.000)" in str(finding)
 
 
+def test_a_road_that_is_cut_beside_a_node_is_whole_there():
+    across = Road([(5, 2), (10, 10), (15, 18)], 0.4, family="drawn")
+    first = Road([(2, 10), (10, 10), (10.1, 10.1)], 0.4, family="drawn")
+    second = Road([(10.1, 10.1), (10.2, 10.2), (16, 11)], 0.4, family="drawn")
+    assert ("spacing", "error") not in kinds(one(across, first, second))
+    # Beside no node they are as near as before.
+    aside = Road([(5, 2), (9.9, 10.1), (15, 18)], 0.4, family="drawn")
+    before = Road([(2, 10), (9.7, 10), (10.1, 10.3)], 0.4, family="drawn")
+    after = Road([(10.1, 10.3), (16, 11)], 0.4, family="drawn")
+    assert ("spacing", "error") in kinds(one(aside, after, before))
+
+
 def test_road_that_crosses_itself_or_runs_through_a_vertex():
     loop = Road([(2, 2), (15, 2), (15, 10), (8, 10), (8, 1)], 0.4)
     assert kinds(one(loop))[("crossing", "error")].xy == pytest.approx((8, 2))

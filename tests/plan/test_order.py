@@ -1,3 +1,5 @@
+from time import process_time
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -35,6 +37,23 @@ def test_many_roads_travel_less_than_to_the_nearest_each_time():
     assert sorted(road.length for road in ordered) == sorted(road.length for road in roads)
     # A nearest end each time gives 1100 mm.
     assert Layer(0.2, 0.2, tuple(ordered)).travel < 900
+
+
+def test_the_time_for_many_roads_grows_with_their_number():
+    def seconds(side):
+        at = np.stack(np.meshgrid(*[np.arange(side)] * 2), -1).reshape(-1, 1, 2)
+        roads = [Road(xy, 0.4) for xy in at + np.array([(0.1, 0.3), (0.7, 0.6)])]
+        begun = process_time()
+        ordered = order_roads(roads)
+        spent = process_time() - begun
+        travel = Layer(0.2, 0.2, tuple(ordered)).travel
+        # From an end to that of the next dash are .5 mm at best.
+        assert travel < 0.8 * side**2
+        return spent
+
+    seconds(10)
+    # Nine times as many: by their square that would be 81 times as long.
+    assert seconds(150) < 30 * seconds(50)
 
 
 @settings(max_examples=30, deadline=None)

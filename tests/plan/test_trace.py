@@ -9,9 +9,9 @@ from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.plan.check import check
 from fdjax.plan.toolpath import Build, Layer, Road
-from fdjax.plan.trace import lay, trim
+from fdjax.plan.trace import lay, trim, trim_subdomains
 from fdjax.road.bead import section_area
-from fdjax.road.stroke import Lines
+from fdjax.road.stroke import Lines, Subdomain
 
 PLATE = shapely.box(0, 0, 20, 10)
 WIDTH, HEIGHT = 0.4, 0.2
@@ -178,3 +178,15 @@ def test_trim_scales_sections_that_a_file_told():
 def test_trim_of_nothing_is_refused():
     with pytest.raises(InputError, match="no roads"):
         trim(Build((Layer(0.2, 0.2, ()),)), 1.0)
+
+
+def test_subdomains_are_trimmed_each_to_its_own_volume():
+    left, right = (
+        Subdomain(shapely.box(x, 0, x + 10, 10), "raster", 0.0, WIDTH, 1.0, 0) for x in (0, 10)
+    )
+    roads = Road([(12, 1), (18, 1)], WIDTH), Road([(1, 1), (9, 1)], WIDTH)
+    layer = Layer(HEIGHT, HEIGHT, roads, PLATE, 0.0, (left, right))
+    trimmed = trim_subdomains(Build((layer, layer)), [16.4 * AREA, 13.0 * AREA], most=0.05)
+    volumes = [road.segment_volumes(HEIGHT).sum() for road in trimmed.layers[0].roads]
+    # 12 mm to 13 is more than 5 %.
+    assert volumes == pytest.approx([1.05 * 6 * AREA, 8.2 * AREA], rel=1e-9)
