@@ -220,7 +220,8 @@ def trimmed_to(job: Job, result: Design, plan: Build, machine: Machine) -> Build
     """
     if not plan.volume > 0:
         return plan
-    asked = result.pattern.facts(result.controls).get("subdomains", ())
+    divided = bool(plan.layers[0].subdomains)
+    asked = result.pattern.facts(result.controls)["subdomains"] if divided else ()
     if asked and all(each["by_target"] for each in asked):
         height = result.part.height
         volumes = [each["solid_asked"] * each["area"] * height for each in asked]

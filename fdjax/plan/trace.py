@@ -134,8 +134,7 @@ def trim_subdomains(build: Build, volumes: ArrayLike, *, most: float) -> Build:
     owners = [layer.owners for layer in build.layers]
     held = np.zeros(len(np.atleast_1d(volumes)))
     for layer, owner in zip(build.layers, owners, strict=True):
-        for road, number in zip(layer.roads, owner, strict=True):
-            held[number] += road.segment_volumes(layer.height).sum()
+        np.add.at(held, owner, layer.road_volumes)
     share = np.divide(volumes, held, out=np.ones_like(held), where=held > 0)
     share = np.clip(share, 1 - most, 1 + most)
     return _scaled(build, [share[owner] for owner in owners])
