@@ -178,14 +178,18 @@ class BlockLines(AbstractPattern):
             bspline.closed(own, 0) if band.closed and len(own) > 1 else own
             for own, band in zip(controls.spacing, self.structure.bands, strict=True)
         ]
+        # Bands with fewer rows have theirs in the first part of a spline with as many as the most.
+        most = max(map(len, rows))
+        spans = np.array([max(len(own) - 3, 1) for own in rows]) / max(most - 3, 1)
+        rows = [jnp.pad(own, ((0, most - len(own)), (0, 0))) for own in rows]
         spacings = jax.vmap(jax.vmap(DensitySpacing.of))(jnp.stack(rows))
-        at = self.places
+        at, span = self.places, jnp.asarray(spans)[self.places.band]
         fields = [
             SpacingField(
                 jax.tree.map(lambda part, k=k: part[at.band[:, k]], spacings),
                 turned=at.turned[:, k],
-                begin=at.begin[:, k],
-                end=at.end[:, k],
+                begin=at.begin[:, k] * span[:, k],
+                end=at.end[:, k] * span[:, k],
             )
             for k in (0, 1)
         ]
