@@ -66,6 +66,9 @@ KNOTS = 14
 ROWS, MOST_ROWS = 1.5, 16
 """Windows between the places along a band at which its spacing is free, and most of these."""
 
+SAMPLES = 5
+"""Places within a window, along either axis, at which design looks."""
+
 
 @dataclass(frozen=True)
 class Multiblock(AbstractSettings):
@@ -126,7 +129,7 @@ class Multiblock(AbstractSettings):
         structure = Structure.of(blocks)
         lines = [each[band.stretches[0].block, band.stretches[0].axis] for band in structure.bands]
         longest = max(side.length for side in blocks.sides.values())
-        count = int(np.clip(np.ceil(4 * longest / window), 16, 44))
+        count = int(np.clip(np.ceil(SAMPLES * longest / window), 16, 56))
         low, high = np.reshape(polygon.bounds, (2, 2))
         pattern = BlockLines(
             sides=sides,

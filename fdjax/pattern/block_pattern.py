@@ -22,7 +22,7 @@ from fdjax.pattern.block_tracing import edges, squeezed, traced
 from fdjax.pattern.width import PlacedWidth
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
-from fdjax.road.patches import Families, patch_deposit
+from fdjax.road.patches import Families, patch_deposit, wall_margins
 from fdjax.road.porosity import Lattice, Samples
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
 from fdjax.road.stroke import Lines
@@ -32,8 +32,8 @@ Floats = np.ndarray
 PRESS = 0.25
 """Lines beside a wall are pressed back on it from this share of a road's width beyond."""
 
-PATIENCE = 0.01
-"""Steps cost little beside compiling."""
+PATIENCE = 0.02
+"""Corrections by what is laid matter more than the last steps."""
 
 FOLD_FLOOR = 0.02
 """J over its block's mean below which design is pushed back from folding."""
@@ -267,6 +267,12 @@ class BlockLines(AbstractPattern):
         lines = self._lines_per_layer(realised)[:, None, None]
         across = jnp.stack([norm(along.eta), norm(along.xi)])
         spacing = positive / (jnp.moveaxis(lines, -1, 0) * across)
+        # What walls take of the room, lines have less.
+        edge = jax.vmap(wall_margins, (0, None, 0))(
+            along, realised.width.ends[1] / 2, self.places.walls
+        )
+        taken = (edge.left + edge.right)[:, None], (edge.bottom + edge.top)[..., None]
+        spacing = spacing * (1 - jnp.stack([jnp.broadcast_to(t, xy.shape[:3]) for t in taken]))
         inner = spacing[:, :, 1:-1, 1:-1]
         return {
             "fold": (FOLD_FLOOR - along.jacobian / mean).ravel() / FOLD_FLOOR,
@@ -346,13 +352,14 @@ class BlockLines(AbstractPattern):
         return eqx.tree_at(lambda p: p.lines, self, lines)
 
     def facts(self, controls: BlockControls) -> dict[str, Any]:
-        """Blocks, and of each band its family, blocks and lines of a layer."""
+        """Blocks, shared sides at which lines end, and of each band its family and lines."""
         phases = self.stacking.phases
         bands = zip(self.structure.bands, self.whole_counts(controls), strict=True)
         return {
             "kind": "blocks",
             "blocks": len(self.places.band),
             "phases": phases,
+            "cuts": len(self.structure.cuts),
             "bands": [
                 {
                     "family": FAMILIES[band.family],
