@@ -96,7 +96,7 @@ class Demand:
         a_solid = height / float(section_area(width, height))
         asked = solid * a_solid * jacobian
         least_spacing = limits.least_spacing or width
-        length, least, most = np.zeros((3, *family.shape))
+        length, least, most = (np.zeros(family.shape) for _ in range(3))
         for k, tangent in enumerate((along.eta, along.xi)):
             own = np.asarray(norm(tangent))
             across = jacobian / own
