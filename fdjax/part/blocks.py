@@ -64,12 +64,14 @@ class Blocks:
     - `blocks`: of each the numbers of its corners, counter-clockwise, shape (m, 4); xi runs from
       the first to the second, eta from the second to the third.
     - `sides`: the curve between two nodes, from the lower number to the higher.
+    - `cuts`: shared sides, each as its two nodes, at which lines are to end.
     """
 
     region: Polygon
     nodes: Floats
     blocks: NDArray[np.intp]
     sides: dict[tuple[int, int], Curve]
+    cuts: frozenset[tuple[int, int]] = frozenset()
 
     @classmethod
     def of(cls, region: Polygon, blocks: ArrayLike, curves: Iterable[Curve] = ()) -> "Blocks":
@@ -212,7 +214,8 @@ class Blocks:
         return [
             key
             for key, users in self.users.items()
-            if len(users) == 2 and len({self._family_across(*user) for user in users}) == 2
+            if len(users) == 2
+            and (key in self.cuts or len({self._family_across(*user) for user in users}) == 2)
         ]
 
     @cached_property

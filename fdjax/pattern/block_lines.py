@@ -7,10 +7,8 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from fdjax.errors import InputError
-from fdjax.grid.base import norm
 from fdjax.keys import Kind, Place, choices, key, pair, points, show, whole
 from fdjax.limits import Limits
 from fdjax.part import curve
@@ -18,6 +16,7 @@ from fdjax.part.blocking import blocks_of
 from fdjax.part.blocks import Blocks
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
+from fdjax.pattern.block_counts import Demand
 from fdjax.pattern.block_pattern import (
     BlockControls,
     BlockLines,
@@ -26,11 +25,8 @@ from fdjax.pattern.block_pattern import (
     stacked_sides,
 )
 from fdjax.pattern.map_domain import polygon_of
-from fdjax.pattern.reach import check_reachable
 from fdjax.pattern.width import free_of
-from fdjax.road.bead import section_area
 from fdjax.road.porosity import Samples
-from fdjax.road.stacking import FAMILIES
 from fdjax.target.target import Target
 
 CORNERS = points(4, 4)
@@ -64,14 +60,14 @@ Corners = tuple[tuple[float, float], ...]
 BLOCKS = Kind("list of blocks, each of 4 corners `[x, y]`", _blocks)
 CURVES = Kind("list of `{polyline = points}`, `{spline = points}`, `{arc = 3 points}`", _curves)
 
-FIELD = (14, 7)
-"""Most coefficients of a band's spacing across it, and along it."""
+KNOTS = 14
+"""Most coefficients of a band's spacing across it."""
 
-SQUARE = 0.2
-"""How much the first numbers of lines care for cells as wide as long, beside what is asked."""
+ROWS, MOST_ROWS = 1.5, 16
+"""Windows between the places along a band at which its spacing is free, and most of these."""
 
-ROOM = 0.9
-"""Share of the lines that a band has room for, of which it begins with no more."""
+SAMPLES = 5
+"""Places within a window, along either axis, at which design looks."""
 
 
 @dataclass(frozen=True)
@@ -121,36 +117,35 @@ class Multiblock(AbstractSettings):
         else:
             given = [MAKE[shape](xy) for shape, xy in self.curves]
             blocks = Blocks.of(polygon, self.blocks, given)
-        structure = Structure.of(blocks)
         stacking = self.stacking(len(part.slabs))
+        sides, height = stacked_sides(blocks), part.slabs[0].height
+        demand = Demand.of(
+            blocks, sides, target, width=self.road_width, height=height, stacking=stacking,
+            limits=limits,
+        )  # fmt: skip
+        if self.controls:
+            blocks = demand.cut()
+        each, _ = demand.counts(blocks.cuts)
+        structure = Structure.of(blocks)
+        lines = [each[band.stretches[0].block, band.stretches[0].axis] for band in structure.bands]
         longest = max(side.length for side in blocks.sides.values())
-        count = int(np.clip(np.ceil(4 * longest / window), 16, 44))
+        count = int(np.clip(np.ceil(SAMPLES * longest / window), 16, 56))
         low, high = np.reshape(polygon.bounds, (2, 2))
         pattern = BlockLines(
-            sides=stacked_sides(blocks),
+            sides=sides,
             places=Places.of(blocks),
-            lines=jnp.ones(len(structure.bands)),
+            lines=jnp.asarray(lines) * stacking.phases,
             width=self.road_width,
             width_range=limits.road_width,
-            height=part.slabs[0].height,
-            first=BlockControls(),
+            height=height,
+            first=self._first(structure, blocks, limits, window),
             samples=Samples.between(_edges(count)),
             box=jnp.asarray(np.stack([low, high])),
             structure=structure,
             stacking=stacking,
         )
-        realised = _realised(pattern)
-        skew = np.maximum(0.9, 1.02 * np.asarray(realised.lattice.along.skew))
-        lines = _first_lines(pattern, realised, target, limits)
-        return eqx.tree_at(
-            lambda p: (p.lines, p.first, p.skew_limit),
-            pattern,
-            (
-                jnp.asarray(lines * stacking.phases),
-                self._first(structure, blocks, limits, window),
-                jnp.asarray(skew),
-            ),
-        )
+        skew = jnp.maximum(0.9, 1.02 * _skew(pattern))
+        return eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
 
     def _first(
         self, structure: Structure, blocks: Blocks, limits: Limits, window: float
@@ -166,16 +161,14 @@ class Multiblock(AbstractSettings):
         spacing = None
         if {"spacing", "spacing_field"} & set(self.controls):
             across, along = _sizes(structure, blocks)
-            knots, rows = (
-                int(np.clip(np.ceil(size / (0.75 * window)) + 3, 5, most))
-                for size, most in zip((across, along), FIELD, strict=True)
-            )
+            knots = int(np.clip(np.ceil(across / (0.75 * window)) + 3, 5, KNOTS))
+            rows = [
+                int(np.clip(np.ceil(size / (ROWS * window)), 3, MOST_ROWS)) + 3 * (not band.closed)
+                for band, size in zip(structure.bands, along, strict=True)
+            ]
             spacing = tuple(
-                jnp.zeros((
-                    1 if "spacing" in self.controls else rows - 3 * band.closed, knots
-                ))
-                for band in structure.bands
-            )  # fmt: skip
+                jnp.zeros((1 if "spacing" in self.controls else own, knots)) for own in rows
+            )
         return BlockControls(spacing, jnp.zeros(len(structure.bands)), width)
 
 
@@ -185,8 +178,8 @@ def _edges(count: int) -> Any:
     return (even + (1 - np.cos(np.pi * even)) / 2) / 2
 
 
-def _sizes(structure: Structure, blocks: Blocks) -> tuple[float, float]:
-    """Largest size of a band across it and along it, mm."""
+def _sizes(structure: Structure, blocks: Blocks) -> tuple[float, list[float]]:
+    """Largest size of a band across it, and the size of each along it, mm."""
     across, along = [], []
     for band in structure.bands:
         sides = [(s.block, k) for s in band.stretches for k in ((0, 2), (3, 1))[s.axis]]
@@ -194,47 +187,9 @@ def _sizes(structure: Structure, blocks: Blocks) -> tuple[float, float]:
         lengths = [[blocks.side(*each).length for each in some] for some in (sides, beside)]
         across.append(max(lengths[0]))
         along.append(sum(lengths[1]) / 2)
-    return max(across), max(along)
+    return max(across), along
 
 
 @eqx.filter_jit
-def _realised(pattern: BlockLines) -> Any:
-    return pattern.realise(pattern.first)
-
-
-def _first_lines(pattern: BlockLines, realised: Any, target: Target, limits: Limits) -> Any:
-    """Lines a layer of each band that come nearest to what is asked, place by place, (bands,).
-
-    No more than even spacing has room for where the band is narrowest.
-    """
-    (xi, eta, xy, along), inner = realised.lattice, (slice(None), slice(1, -1), slice(1, -1))
-    xy, jacobian = np.asarray(xy)[inner], np.maximum(np.asarray(along.jacobian)[inner], 1e-12)
-    solid = 1 - np.asarray(target(xy[..., 0], xy[..., 1]))
-    height, section = pattern.height, float(section_area(pattern.width, pattern.height))
-    shares = np.array([pattern.stacking.layer_share(family) for family in FAMILIES])
-    places = np.concatenate([xy.reshape(-1, 2), np.zeros((solid.size, 1))], 1)
-    check_reachable(
-        solid.ravel(), places, height=height, lengths=(shares.sum(), shares.sum()),
-        widths=(pattern.width, pattern.width), limits=limits,
-    )  # fmt: skip
-    # Centre line an area that one line of each family brings, and the area of each place.
-    brought = np.stack([
-        np.asarray(norm(tangent))[inner] / jacobian for tangent in (along.eta, along.xi)
-    ])  # fmt: skip
-    area = jacobian * np.asarray(xi.weights[1:-1, None] * eta.weights[1:-1])
-    weight = np.sqrt(area / area.sum()) / (solid.mean() * height / section)
-    least = limits.least_spacing or pattern.width
-    band, family = np.asarray(pattern.places.band), np.asarray(pattern.places.family)
-    count, blocks = len(pattern.lines), len(band)
-    met, alike = np.zeros((2, blocks, solid[0].size, count))
-    most = np.full(count, np.inf)
-    for block, k in np.ndindex(blocks, 2):
-        number, own = band[block, k], brought[k, block]
-        each = (weight[block] * shares[family[block, k]] * own).ravel()
-        met[block, :, number] += each
-        alike[block, :, number] += SQUARE * (1 - 2 * k) * each
-        most[number] = min(most[number], ROOM / (least * float(own.max())))
-    goal = (weight * solid * height / section).reshape(-1)
-    system = np.concatenate([each.reshape(-1, count) for each in (met, alike)])
-    most = np.maximum(most, 1.5)
-    return lsq_linear(system, np.append(goal, np.zeros_like(goal)), bounds=(1.0, most)).x
+def _skew(pattern: BlockLines) -> Any:
+    return pattern.realise(pattern.first).lattice.along.skew

@@ -22,7 +22,7 @@ from fdjax.pattern.block_tracing import edges, squeezed, traced
 from fdjax.pattern.width import PlacedWidth
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
-from fdjax.road.patches import Families, patch_deposit
+from fdjax.road.patches import Families, patch_deposit, wall_margins
 from fdjax.road.porosity import Lattice, Samples
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
 from fdjax.road.stroke import Lines
@@ -32,8 +32,8 @@ Floats = np.ndarray
 PRESS = 0.25
 """Lines beside a wall are pressed back on it from this share of a road's width beyond."""
 
-PATIENCE = 0.01
-"""Steps cost little beside compiling."""
+PATIENCE = 0.02
+"""Corrections by what is laid matter more than the last steps."""
 
 FOLD_FLOOR = 0.02
 """J over its block's mean below which design is pushed back from folding."""
@@ -178,14 +178,18 @@ class BlockLines(AbstractPattern):
             bspline.closed(own, 0) if band.closed and len(own) > 1 else own
             for own, band in zip(controls.spacing, self.structure.bands, strict=True)
         ]
+        # Bands with fewer rows have theirs in the first part of a spline with as many as the most.
+        most = max(map(len, rows))
+        spans = np.array([max(len(own) - 3, 1) for own in rows]) / max(most - 3, 1)
+        rows = [jnp.pad(own, ((0, most - len(own)), (0, 0))) for own in rows]
         spacings = jax.vmap(jax.vmap(DensitySpacing.of))(jnp.stack(rows))
-        at = self.places
+        at, span = self.places, jnp.asarray(spans)[self.places.band]
         fields = [
             SpacingField(
                 jax.tree.map(lambda part, k=k: part[at.band[:, k]], spacings),
                 turned=at.turned[:, k],
-                begin=at.begin[:, k],
-                end=at.end[:, k],
+                begin=at.begin[:, k] * span[:, k],
+                end=at.end[:, k] * span[:, k],
             )
             for k in (0, 1)
         ]
@@ -263,6 +267,12 @@ class BlockLines(AbstractPattern):
         lines = self._lines_per_layer(realised)[:, None, None]
         across = jnp.stack([norm(along.eta), norm(along.xi)])
         spacing = positive / (jnp.moveaxis(lines, -1, 0) * across)
+        # What walls take of the room, lines have less.
+        edge = jax.vmap(wall_margins, (0, None, 0))(
+            along, realised.width.ends[1] / 2, self.places.walls
+        )
+        taken = (edge.left + edge.right)[:, None], (edge.bottom + edge.top)[..., None]
+        spacing = spacing * (1 - jnp.stack([jnp.broadcast_to(t, xy.shape[:3]) for t in taken]))
         inner = spacing[:, :, 1:-1, 1:-1]
         return {
             "fold": (FOLD_FLOOR - along.jacobian / mean).ravel() / FOLD_FLOOR,
@@ -342,13 +352,14 @@ class BlockLines(AbstractPattern):
         return eqx.tree_at(lambda p: p.lines, self, lines)
 
     def facts(self, controls: BlockControls) -> dict[str, Any]:
-        """Blocks, and of each band its family, blocks and lines of a layer."""
+        """Blocks, shared sides at which lines end, and of each band its family and lines."""
         phases = self.stacking.phases
         bands = zip(self.structure.bands, self.whole_counts(controls), strict=True)
         return {
             "kind": "blocks",
             "blocks": len(self.places.band),
             "phases": phases,
+            "cuts": len(self.structure.cuts),
             "bands": [
                 {
                     "family": FAMILIES[band.family],

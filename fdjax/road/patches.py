@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from fdjax.grid.base import norm
+from fdjax.grid.base import Tangents, norm
 from fdjax.road.porosity import Lattice, LayerDeposit, Margins, Samples
 
 
@@ -34,8 +34,7 @@ def patch_deposit(
     """
     xi, eta, along = lattice.xi, lattice.eta, lattice.along
     bottom, right, top, left = families.walls
-    edge = Margins.of(along, along, clearance)
-    edge = Margins(edge.left * left, edge.right * right, edge.bottom * bottom, edge.top * top)
+    edge = wall_margins(along, clearance, families.walls)
     shift = (
         along.xi * edge.shift_xi(xi.places)[..., None]
         + along.eta * edge.shift_eta(eta.places)[..., None]
@@ -51,6 +50,15 @@ def patch_deposit(
     along_xi = norm(along.xi) * (1 - edge.left - edge.right) * xi.weights[:, None]
     volume = area * (run_along_eta * along_eta + run_along_xi * along_xi)
     return LayerDeposit((lattice.xy + shift).reshape(-1, 2), volume.ravel())
+
+
+def wall_margins(
+    along: Tangents, clearance: Float[Array, ""] | float, walls: Float[Array, " 4"]
+) -> Margins:
+    """How far centre lines keep from those sides of a block that are walls, see `Families`."""
+    bottom, right, top, left = walls
+    edge = Margins.of(along, along, clearance)
+    return Margins(edge.left * left, edge.right * right, edge.bottom * bottom, edge.top * top)
 
 
 def _at_ends(samples: Samples, first: Array, last: Array) -> Array:

@@ -9,6 +9,8 @@ from shapely import LineString, Polygon, box, points, union_all
 from slopes import assert_slopes
 
 from fdjax.errors import InputError
+from fdjax.grid.respaced import SpacingField
+from fdjax.grid.spacing import DensitySpacing
 from fdjax.limits import Limits
 from fdjax.optimise.objective import Objective
 from fdjax.part.contour import circle
@@ -17,6 +19,7 @@ from fdjax.pattern.auto import Auto
 from fdjax.pattern.block_lines import Multiblock
 from fdjax.pattern.block_pattern import BlockControls
 from fdjax.plan.trace import lay
+from fdjax.road.bead import section_area
 from fdjax.road.window import SoftWindows
 from fdjax.target.target import Target
 
@@ -127,3 +130,58 @@ def test_auto_tries_what_suits_the_outline(polygon, names):
     assert [name for name, _ in Auto().candidates(Part.plate(polygon))] == names
     fewer = Auto(tried=("isolines",)).candidates(Part.plate(polygon))
     assert [name for name, _ in fewer] == ["isolines"]
+
+
+def test_bands_are_cut_where_the_blocks_of_one_ask_for_too_different_numbers_of_lines():
+    polygon = circle((30, 30), 30)
+    around = Target(lambda x, y: 0.8 - 0.2 * jnp.hypot(x - 30, y - 30) / 30)
+    even = begun(polygon, target=around)
+    assert (len(even.structure.cuts), len(even.structure.bands)) == (2, 5)
+    # The band that runs through the middle patch goes along the sides that are cut.
+    begin, end = np.asarray(even.structure.cuts[0])[[0, -1]]
+    u, v = (end - begin) / np.hypot(*(end - begin))
+    across = Target(lambda x, y: 0.7 - 0.1 * (u * (x - 30) + v * (y - 30)) / 30)
+    cut = begun(polygon, target=across)
+    assert len(cut.structure.cuts) > 2
+    assert len(cut.structure.bands) > 5
+    # What each block holds as a whole is what is asked of it.
+    xyz, porosity, volume = map(np.asarray, cut.cells(cut.realise(cut.first)))
+    asked = np.asarray(across(xyz[:, 0], xyz[:, 1]))
+    of_block = ((porosity - asked) * volume).reshape(5, -1).sum(1) / volume.reshape(5, -1).sum(1)
+    assert np.abs(of_block).max() < 0.02
+    assert len(begun(polygon, target=across, controls=()).structure.cuts) == 2
+
+
+def test_a_single_block_begins_with_the_lines_that_bring_what_is_asked():
+    pattern = begun(box(0, 0, 40, 30), mode="alternate")
+    xi, eta = np.asarray(pattern.lines)
+    run = 0.5 * (xi * 30 + eta * 40 + 40 + 30)  # the turns take half of both sides
+    section = float(section_area(0.4, 0.2))
+    assert run * section == pytest.approx(0.3 * 40 * 30 * 0.2, rel=2e-3)
+
+
+def test_a_band_keeps_its_own_places_along_it_beside_longer_ones():
+    pattern = moved(begun(OUTLINES["disc"]()))
+    rows = [len(own) for own in pattern.first.spacing]
+    assert len(set(rows)) > 1
+    grid, t = pattern.grid(pattern.first), jnp.linspace(0, 1, 9)
+    for number, band in enumerate(pattern.structure.bands):
+        if band.closed or len(band.stretches) > 1:
+            continue
+        ((block, axis, turned, back),) = band.stretches
+        own = SpacingField(
+            jax.vmap(DensitySpacing.of)(pattern.first.spacing[number]), turned=turned
+        )
+        along = 1 - t if back else t
+        got = (grid.u, grid.v)[axis]
+        got = jax.tree.map(lambda part, block=block: part[block], got)
+        np.testing.assert_allclose(
+            got(t[:, None], t[None]), own(t[:, None], along[None]), atol=1e-12
+        )
+
+
+def test_design_knows_the_spacing_that_walls_leave():
+    pattern = begun(box(0, 0, 20, 20), mode="alternate")
+    penalties = pattern.penalties(pattern.realise(pattern.first), LIMITS)
+    closest = 0.4 / (1 + float(penalties["spacing"].max()))
+    assert closest == pytest.approx((20 - 0.4) / float(pattern.lines.max()), rel=1e-6)
