@@ -14,10 +14,10 @@ from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.part.part import Part
-from fdjax.plan.compare import Comparison, compare
+from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
 from fdjax.plan.materials import assigned
-from fdjax.plan.measure import Measurement, measure, solid_shares
+from fdjax.plan.measure import measure, solid_shares
 from fdjax.plan.toolpath import Build
 from fdjax.target.target import Target
 from fdjax.view.painter import Painter
@@ -106,14 +106,30 @@ def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
 def _written(
     job: Job, path: Path, build: Build, machine: Machine, target: Target, painter: Painter | None
 ) -> Written:
-    """Write the file, read it back and measure what was read; a painter has it drawn as well."""
+    """Write the file, read it back and measure what was read; a painter draws it meanwhile."""
+    outline = build.layers[-1].outline
+    top = build.layers[-2:]
+    if painter is not None and any(layer.roads for layer in top):
+        place = path.with_name("roads.png")
+        painter.draw(place, "roads_figure", top, outline=outline, title=path.name)
     path.write_text(module(path).write(build, machine), encoding="utf-8")
     read = read_file(path, machine=machine)
     window = job.target.window
     measurement, shifted = (measure(read, window=window, shift=shift) for shift in SHIFTS)
     comparison = compare(measurement, target)
     if painter is not None:
-        _pictures(job, path, read, measurement, comparison, painter)
+        painter.draw(
+            path.with_name("porosity.png"),
+            "porosity_figure",
+            measurement.x,
+            measurement.y,
+            comparison.asked,
+            comparison.got,
+            outline=outline,
+            title=path.name,
+            weights=measurement.area,
+            tolerance=job.target.tolerance,
+        )
     return Written(
         path,
         machine,
@@ -125,34 +141,6 @@ def _written(
         comparison,
         compare(shifted, target),
         coverage(read),
-    )
-
-
-def _pictures(
-    job: Job,
-    path: Path,
-    read: Build,
-    measurement: Measurement,
-    comparison: Comparison,
-    painter: Painter,
-) -> None:
-    """The topmost layers of a file and its porosity, drawn beside it."""
-    outline = read.layers[-1].outline
-    top = read.layers[-2:]
-    if any(layer.roads for layer in top):
-        place = path.with_name("roads.png")
-        painter.draw(place, "roads_figure", top, outline=outline, title=path.name)
-    painter.draw(
-        path.with_name("porosity.png"),
-        "porosity_figure",
-        measurement.x,
-        measurement.y,
-        comparison.asked,
-        comparison.got,
-        outline=outline,
-        title=path.name,
-        weights=measurement.area,
-        tolerance=job.target.tolerance,
     )
 
 
