@@ -4,6 +4,7 @@ The base grid keeps its lines; a zone that lies in others divides what these hav
 """
 
 from dataclasses import dataclass
+from math import lcm
 from typing import Any
 
 import jax.numpy as jnp
@@ -74,7 +75,7 @@ class Embedded:
             inner = [(shapely.intersection(each, zone.outline), k) for each, k in pieces]
             pieces += [(each, k * zone.refine) for each, k in inner if each.area > 0]
             pieces.append((zone.outline, zone.refine))
-        return int(np.lcm.reduce([k for _, k in pieces], initial=1))
+        return lcm(*(k for _, k in pieces))
 
     def divided(self, middles: Any, counts: tuple[int, int]) -> np.ndarray:
         """Into how many parts each way the base cells are divided, at all places of a lattice.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import shapely
@@ -32,8 +33,18 @@ WORTH = 0.85
 FINE = 0.004
 """RMS error of the solid share, cell by cell, with which a base needs no zones."""
 
-_SCALES = np.geomspace(0.2, 1.2, 80)
-_LOOKS = 400
+SLACK = 0.1
+"""Share of the gain that zones may forgo to be smaller."""
+
+_LEVELS = np.linspace(0, 0.9, 13)
+"""Quantiles of the target: solid shares of an even base from which zones are looked for."""
+
+_ROUNDS = 6
+_SWEEPS = 4
+"""How often zones and base, and lines along xi and along eta, are fitted in turn."""
+
+_SPARSEST = 0.25
+"""Lines become no sparser than this share of what they are without zones."""
 
 
 @dataclass(frozen=True)
@@ -150,17 +161,21 @@ def embed(
 
 
 class _State(NamedTuple):
-    """A pattern without zones where design looks, inside: places, areas, porosity and spacings."""
+    """A pattern without zones where design looks, inside: places, areas, solid share, the spacing
+    of its two families, mm, and what each brings to the solid share, to a common factor.
+    """
 
     xy: Floats
     area: Floats
     solid: Floats
     spacing: tuple[Floats, Floats]
+    brought: tuple[Floats, Floats]
 
 
 def _state(pattern: GridLines) -> _State:
     xy, area, solid, xi, eta = map(np.asarray, _looked(pattern))
-    return _State(xy, area, solid, (xi, eta))
+    of_xi, of_eta = (pattern.stacking.layer_share(family) for family in FAMILIES)
+    return _State(xy, area, solid, (xi, eta), (of_xi / xi, of_eta / eta))
 
 
 @eqx.filter_jit
@@ -232,35 +247,78 @@ def _placed(pattern: GridLines, xi: Any, eta: Any) -> Any:
 def _lacking(
     pattern: GridLines, target: Asked, embedded: Embedded, refine: int, limits: Limits
 ) -> Any:
-    """Where the base with the zones so far lacks most beside the target, mm; None if nowhere.
+    """Where lines of the base lack most beside the target, mm; None if nowhere.
 
-    The base may be so much sparser all over that, with cells divided where that brings them nearer
-    to the target, the error that is left over the part is least.
+    Those cells are divided with which the base, its lines as dense along xi and along eta as is
+    best then, comes nearest to the target over the part.
     """
     state = _state(pattern)
     asked = 1 - np.asarray(target(state.xy[..., 0], state.xy[..., 1]))
-    has = state.solid * embedded.times(state.xy)
+    times = embedded.times(state.xy)
     least = limits.least_spacing or pattern.width
-    room = np.minimum(*state.spacing) / embedded.times(state.xy) / least
-
-    def error(values: Floats) -> float:
-        return float(np.sqrt(np.average((asked - values) ** 2, weights=state.area)))
-
-    def chosen(scale: float) -> NDArray[np.bool_]:
-        finer = np.abs(asked - scale * refine * has) < np.abs(asked - scale * has)
-        return finer & (scale * refine <= room)
-
-    plain = min(error(scale * has) for scale in _SCALES)
-    left, best = min(
-        (error(scale * has * np.where(chosen(scale), refine, 1)), scale) for scale in _SCALES
-    )
+    room = np.minimum(*state.spacing) / least
+    fit = _Fit(state, asked, evenly=jax.tree.leaves(pattern.first) == [])
+    plain, _ = fit.base(times)
+    found = []
+    for level in np.quantile(asked, _LEVELS):
+        base = np.full_like(asked, level)
+        for _ in range(_ROUNDS):
+            more = np.abs(asked - refine * times * base) < np.abs(asked - times * base)
+            more &= refine * times * base <= room * state.solid
+            error, base = fit.base(np.where(more, refine * times, times))
+            found.append((error, float(state.area[more].sum()), more, base))
+    left = min(each[0] for each in found)
     if plain < FINE or left > WORTH * plain:
         return None
-    shape = _outlined(state.xy, chosen(best))
-    side = float(np.average(np.sqrt(np.prod(state.spacing, axis=0)))) / best / embedded.parts
+    # Of those about as good, the smallest.
+    good = [each for each in found if each[0] <= left + SLACK * (plain - left)]
+    _, _, finer, best = min(good, key=lambda each: each[1])
+    share = state.solid / best
+    cell = np.sqrt(np.prod(state.spacing, axis=0)) * share / times
+    side = float(np.average(cell[finer]))
     # No necks or bits of less than two cells.
-    shape = shape.buffer(side).buffer(-2 * side).buffer(side)
+    shape = _outlined(state.xy, finer)
+    for by in (side, -2 * side, side):
+        shape = shape.buffer(by, join_style="mitre")
     return shape if shape.area > 0 else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """How near a base comes to a target, cell by cell, with lines of any density along each axis.
+
+    - `asked`: solid share, of the cells of the state.
+    - `evenly`: whether all lines only change their density alike.
+    """
+
+    state: _State
+    asked: Floats
+    evenly: bool
+
+    def base(self, times: Floats) -> tuple[float, Floats]:
+        """RMS error, and the base's solid share where there are `times` as many lines."""
+        weight = self.state.area / self.state.area.sum()
+        own = [self.state.solid * each for each in self._shares]
+        factors = [np.ones((len(weight), 1)), np.ones((1, weight.shape[1]))]
+        if self.evenly:
+            whole = times * self.state.solid
+            scale = (weight * whole * self.asked).sum() / (weight * whole**2).sum()
+            base = scale * self.state.solid
+        else:
+            for _ in range(_SWEEPS):
+                for k in (0, 1):
+                    mine, rest = times * own[k], times * own[1 - k] * factors[1 - k]
+                    top = (weight * mine * (self.asked - rest)).sum(1 - k, keepdims=True)
+                    bottom = (weight * mine**2).sum(1 - k, keepdims=True)
+                    factors[k] = np.maximum(top / bottom, _SPARSEST)
+            base = own[0] * factors[0] + own[1] * factors[1]
+        return float(np.sqrt((weight * (times * base - self.asked) ** 2).sum())), base
+
+    @property
+    def _shares(self) -> tuple[Floats, Floats]:
+        """Of the base's solid share, what lines of xi and what lines of eta bring."""
+        xi, eta = self.state.brought
+        return xi / (xi + eta), eta / (xi + eta)
 
 
 def _outlined(xy: Floats, inside: NDArray[np.bool_]) -> Any:
