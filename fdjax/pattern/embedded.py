@@ -4,14 +4,14 @@ The base grid keeps its lines; a zone that lies in others divides what these hav
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import lcm
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import shapely
-from jaxtyping import Array, Float
 
+from fdjax.arrays import namespace
 from fdjax.target.raster import Raster
 
 MOST = 64
@@ -34,7 +34,9 @@ class Zone:
     fade: float
 
     @classmethod
-    def of(cls, outline: Any, refine: int, *, fade: float, bounds: Any, resolution: float) -> "Zone":
+    def of(
+        cls, outline: Any, refine: int, *, fade: float, bounds: Any, resolution: float
+    ) -> "Zone":
         """The distance to a resolution (mm) over the box `bounds` of the base."""
         x0, y0, x1, y1 = bounds
         axes = [
@@ -54,20 +56,21 @@ class Embedded:
 
     zones: tuple[Zone, ...]
 
-    def times(self, xy: Float[Array, "... 2"], *, beyond: float = 0.0) -> Float[Array, "..."]:
-        """How many times as many lines as the base has lie at places xy, mm, in the mean of layers.
+    def times(self, xy: Any, *, beyond: float = 0.0) -> Any:
+        """How many times as many lines as the base has lie at places, in the mean of the layers.
 
+        `xy`: mm, shape (..., 2), NumPy's or JAX's; the result has shape (...).
         `beyond`: so many cells outside, a zone counts as at its border. Differentiable, with kinks
         where a border's smear begins and ends.
         """
-        xp: Any = jnp if isinstance(xy, Array) else np
+        xp = namespace(xy)
         result = xp.ones(xy.shape[:-1])
         for zone in self.zones:
             depth = zone.distance(xy[..., 0], xy[..., 1]) / zone.fade + 0.5 + beyond
             result = result * (1 + (zone.refine - 1) * xp.clip(depth, 0.0, 1.0))
         return result
 
-    @property
+    @cached_property
     def parts(self) -> int:
         """Parts of a base cell's side on which all lines lie: a common multiple of the zones'."""
         pieces: list[tuple[Any, int]] = []
@@ -76,6 +79,19 @@ class Embedded:
             pieces += [(each, k * zone.refine) for each, k in inner if each.area > 0]
             pieces.append((zone.outline, zone.refine))
         return lcm(*(k for _, k in pieces))
+
+    @property
+    def facts(self) -> list[dict[str, Any]]:
+        """What a report says of each zone: its parts, area, mm^2, box and sides of cells, mm."""
+        return [
+            {
+                "refine": zone.refine,
+                "area": float(zone.outline.area),
+                "bounds": list(zone.outline.bounds),
+                "cell": zone.fade,
+            }
+            for zone in self.zones
+        ]
 
     def divided(self, middles: Any, counts: tuple[int, int]) -> np.ndarray:
         """Into how many parts each way the base cells are divided, at all places of a lattice.

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ _Place = Callable[[Floats, Floats], Floats]
 
 
 class Run(NamedTuple):
-    """A fine line: `line` counts the lattice's lines across it; `start`, `stop` those it ends at."""
+    """A fine line on line `line` of the lattice, from line `start` to line `stop` across it."""
 
     line: int
     start: int
@@ -28,14 +28,14 @@ class Run(NamedTuple):
 class Axis(NamedTuple):
     """Places in the unit square of a phase's lines along one axis, and of what lies between.
 
-    - `first`: of the phase's first line; `step`: between its lines; `count`: of these.
+    - `first`: of the phase's first line; `step`: between its lines; `lines`: of these.
 
     Cells lie between neighbouring lines, and between the outer ones and the walls.
     """
 
     first: float
     step: float
-    count: int
+    lines: int
 
     @classmethod
     def of(cls, scan: Scan, comb: int) -> "Axis":
@@ -44,7 +44,7 @@ class Axis(NamedTuple):
 
     @property
     def cells(self) -> int:
-        return self.count + 1
+        return self.lines + 1
 
     def edges(self, parts: int) -> Floats:
         """Edges of all cells in so many parts, cut off at the walls."""
@@ -124,14 +124,15 @@ class _Squeeze:
 
     def __init__(self, edge: Margins) -> None:
         self.run = np.linspace(0, 1, len(edge.left))
-        self.edge = Margins(*map(np.asarray, edge))
+        self.left, self.right = np.asarray(edge.left), np.asarray(edge.right)
+        self.bottom, self.top = np.asarray(edge.bottom), np.asarray(edge.top)
 
     def xi(self, u: Floats, v: Floats) -> Floats:
-        left, right = (np.interp(v, self.run, each) for each in (self.edge.left, self.edge.right))
+        left, right = (np.interp(v, self.run, each) for each in (self.left, self.right))
         return u + left - u * (left + right)
 
     def eta(self, u: Floats, v: Floats) -> Floats:
-        low, high = (np.interp(u, self.run, each) for each in (self.edge.bottom, self.edge.top))
+        low, high = (np.interp(u, self.run, each) for each in (self.bottom, self.top))
         return v + low - v * (low + high)
 
     def __call__(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:

@@ -373,6 +373,7 @@ class GridLines(AbstractPattern):
             "lines_per_layer": {"xi": xi, "eta": eta},
             "phases": self.stacking.phases,
             "grid": {name: float(value) for name, value in measures._asdict().items()},
+            **({} if self.embedded is None else {"embedded": self.embedded.facts}),
         }
 
 
