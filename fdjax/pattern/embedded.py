@@ -3,7 +3,7 @@
 The base grid keeps its lines; a zone that lies in others divides what these have divided already.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import lcm
 from typing import Any
@@ -26,12 +26,14 @@ class Zone:
     - `refine`: parts of each side of a cell.
     - `distance`: signed distance to the outline, mm, positive inside.
     - `fade`: side of the cells there, mm: over so much a border is smeared in the mean of layers.
+    - `border`: where fine lines end, and are joined: the outline, but for walls, lines in mm.
     """
 
     outline: Any
     refine: int
     distance: Raster
     fade: float
+    border: shapely.Geometry = field(default_factory=shapely.LineString)
 
     @classmethod
     def of(
@@ -69,6 +71,24 @@ class Embedded:
             depth = zone.distance(xy[..., 0], xy[..., 1]) / zone.fade + 0.5 + beyond
             result = result * (1 + (zone.refine - 1) * xp.clip(depth, 0.0, 1.0))
         return result
+
+    @cached_property
+    def ways(self) -> tuple[Any, Any]:
+        """Places xy along the borders, (n, 2), mm, and the length of joins at each, (n,), mm.
+
+        In the mean of a family's layers: two fine lines that a line takes turn over four of their
+        spacings, half of that at either border.
+        """
+        xy, length = [np.zeros((0, 2))], [np.zeros(0)]
+        for zone in self.zones:
+            for line in shapely.get_parts(zone.border):
+                count = max(1, int(np.ceil(line.length / zone.fade)))
+                at = (np.arange(count) + 0.5) / count
+                points = shapely.line_interpolate_point(line, at, normalized=True)
+                xy.append(shapely.get_coordinates(points))
+                share = (zone.refine - 1) / zone.refine
+                length.append(np.full(count, share * line.length / count))
+        return np.concatenate(xy), np.concatenate(length)
 
     @cached_property
     def parts(self) -> int:

@@ -1,55 +1,18 @@
-"""The fine lines of embedded grids: where they run between lines of the base, and traced."""
+"""The fine lines of embedded grids: where they run between lines of the base."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdjax.pattern.embedded import Embedded
+from fdjax.pattern.embedded_joins import CLEAR, Bundles, Run, bundled
+from fdjax.pattern.embedded_net import Axis, Net, Squeeze, Trace
 from fdjax.road.porosity import Margins
 from fdjax.road.stacking import FAMILIES, Scan
 from fdjax.road.stroke import Lines
 
 Floats = NDArray[np.float64]
-Trace = Callable[[Floats, Floats], tuple[Floats, Floats]]
-_Place = Callable[[Floats, Floats], Floats]
-
-
-class Run(NamedTuple):
-    """A fine line on line `line` of the lattice, from line `start` to line `stop` across it."""
-
-    line: int
-    start: int
-    stop: int
-
-
-class Axis(NamedTuple):
-    """Places in the unit square of a phase's lines along one axis, and of what lies between.
-
-    - `first`: of the phase's first line; `step`: between its lines; `lines`: of these.
-
-    Cells lie between neighbouring lines, and between the outer ones and the walls.
-    """
-
-    first: float
-    step: float
-    lines: int
-
-    @classmethod
-    def of(cls, scan: Scan, comb: int) -> "Axis":
-        places = scan.places(comb)
-        return cls(float(places[0]), scan.phases / comb, len(places))
-
-    @property
-    def cells(self) -> int:
-        return self.lines + 1
-
-    def edges(self, parts: int) -> Floats:
-        """Edges of all cells in so many parts, cut off at the walls."""
-        at = np.arange(self.cells * parts + 1) / parts - 1
-        return np.clip(self.first + at * self.step, 0.0, 1.0)
 
 
 def with_fine(
@@ -60,6 +23,7 @@ def with_fine(
     *,
     edge: Margins,
     trace: Trace,
+    joined: bool,
 ) -> Lines:
     """The lines of a layer with the fine ones between them.
 
@@ -69,12 +33,14 @@ def with_fine(
 
     - `combs`: lines of both families in all phases; `edge`: what they keep from the walls.
     - `trace`: gives points and widths of lines (n, points) in xi, eta.
+    - `joined`: whether lines that run through a zone take fine ones on their way, along where
+      lines of the other family lie on other layers.
     """
     axes = [
         Axis.of(Scan(family, scan.phase, scan.phases), comb)
         for family, comb in zip(FAMILIES, combs, strict=True)
     ]
-    squeeze = _Squeeze(edge)
+    squeeze = Squeeze(edge)
 
     def middles(parts: int) -> Floats:
         u, v = ((e[1:] + e[:-1]) / 2 for e in (axis.edges(parts) for axis in axes))
@@ -85,20 +51,30 @@ def with_fine(
         divided, axes = divided.T, axes[::-1]
     own, other = axes
     parts = embedded.parts
-    runs = _runs(divided, parts)
-    at, along = own.edges(parts), other.edges(parts)
-    runs = [run for run in runs if 0 < at[run.line] < 1 and along[run.stop] > along[run.start]]
-    if not runs:
+    net = Net(scan.family, parts, own.edges(parts), other.edges(parts), squeeze, trace)
+    fine = [
+        run
+        for run in _runs(divided, parts)
+        if 0 < net.at[run.line] < 1 and net.along[run.stop] > net.along[run.start]
+    ]
+    if not fine:
         return base
-    xy, width = _traced(runs, at, along, scan.family, squeeze, trace)
+    whole = [Run((k + 1) * parts, 0, len(net.along) - 1) for k in range(len(base.xy))]
+    clearance = CLEAR * max(float(width.max()) for width in base.width)
+    bundles = bundled(net, whole, fine, clearance) if joined else Bundles(net)
+    changed = [run for run in whole if run in bundles.through]
+    alone = [run for run in fine if run not in bundles.taken]
+    made = changed + alone
+    xy, width = net.traced([bundles.course(run) for run in made])
+    kept = [k for k, run in enumerate(whole) if run not in bundles.through]
     # The plan joins levels 1, 2, 4 ... apart.
-    whole = 1 << (parts - 1).bit_length()
-    level = [(run.line // parts - 1) * whole + run.line % parts for run in runs]
+    apart = 1 << (parts - 1).bit_length()
+    runs = [*(whole[k] for k in kept), *made]
     return replace(
         base,
-        level=np.concatenate([np.asarray(base.level) * whole, level]),
-        xy=[*base.xy, *xy],
-        width=[*base.width, *width],
+        level=np.array([(run.line // parts - 1) * apart + run.line % parts for run in runs]),
+        xy=[*(base.xy[k] for k in kept), *xy],
+        width=[*(base.width[k] for k in kept), *width],
     )
 
 
@@ -117,47 +93,6 @@ def _runs(divided: NDArray[np.intp], parts: int) -> list[Run]:
             for a, b in zip(np.flatnonzero(change > 0), np.flatnonzero(change < 0), strict=True)
         ]
     return found
-
-
-class _Squeeze:
-    """What carries places between the walls to such that keep half a road from them."""
-
-    def __init__(self, edge: Margins) -> None:
-        self.run = np.linspace(0, 1, len(edge.left))
-        self.left, self.right = np.asarray(edge.left), np.asarray(edge.right)
-        self.bottom, self.top = np.asarray(edge.bottom), np.asarray(edge.top)
-
-    def xi(self, u: Floats, v: Floats) -> Floats:
-        left, right = (np.interp(v, self.run, each) for each in (self.left, self.right))
-        return u + left - u * (left + right)
-
-    def eta(self, u: Floats, v: Floats) -> Floats:
-        low, high = (np.interp(u, self.run, each) for each in (self.bottom, self.top))
-        return v + low - v * (low + high)
-
-    def __call__(self, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-        return self.xi(u, v), self.eta(u, v)
-
-
-def _traced(
-    runs: list[Run], at: Floats, along: Floats, family: str, squeeze: _Squeeze, trace: Trace
-) -> tuple[Floats, Floats]:
-    """Points and widths of fine lines; `at` and `along`: places of the lattice's lines."""
-    u = np.array([at[run.line] for run in runs])[:, None]
-    ends = np.array([[along[run.start], along[run.stop]] for run in runs])
-    own, other = squeeze.xi, squeeze.eta
-    if family == "eta":
-        own, other = _exchanged(squeeze.eta), _exchanged(squeeze.xi)
-    # Where a line ends at a wall it is the plan that cuts it.
-    inner = (ends > 0) & (ends < 1)
-    ends = np.where(inner, other(np.broadcast_to(u, ends.shape), ends), ends)
-    v = ends[:, :1] + (ends[:, 1:] - ends[:, :1]) * squeeze.run
-    lines = own(np.broadcast_to(u, v.shape), v)
-    return trace(lines, v) if family == "xi" else trace(v, lines)
-
-
-def _exchanged(function: _Place) -> _Place:
-    return lambda u, v: function(v, u)
 
 
 def _points(trace: Trace, xi: Floats, eta: Floats, points: int) -> Floats:

@@ -15,7 +15,7 @@ from fdjax.keys import Kind, Place, pair, points, show, whole
 from fdjax.limits import Limits
 from fdjax.part.region import Region
 from fdjax.pattern.embedded import MOST, Embedded, Zone
-from fdjax.pattern.embedded_lines import Axis
+from fdjax.pattern.embedded_net import Axis
 from fdjax.pattern.grid_lines import GridLines
 from fdjax.pattern.zone_choice import Asked, State, lacking, state_of
 from fdjax.road.stacking import FAMILIES, Scan
@@ -133,7 +133,10 @@ def embed(
                 f"embedded: region {number}, at ({x:.4g}, {y:.4g}), is smaller than a cell of the "
                 f"base, whose sides there are about {side:.3g} mm; enlarge it or lay more lines"
             )
-        sized.append(replace(zone, fade=side))
+        # Beside a wall lines run on to it.
+        walls = shapely.boundary(outline).buffer(side / 2)
+        border = shapely.difference(shapely.boundary(zone.outline), walls)
+        sized.append(replace(zone, fade=side, border=border))
     return replace(pattern, embedded=Embedded(tuple(sized)))
 
 

@@ -24,6 +24,7 @@ from fdjax.pattern.grid_tracing import along, margins, spiral, traced
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
+from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.holes import Holes
 from fdjax.road.porosity import Lattice, Margins, Samples
@@ -173,12 +174,24 @@ class GridLines(AbstractPattern):
             least_spacing=self.apart,
             times=None if self.embedded is None else self.embedded.times,
         )
+        shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
+        if self.embedded is not None and self._joined:
+            # A border has one of the families end at it.
+            places, length = self.embedded.ways
+            section = section_area(porosity.widest(width), self.height)
+            xy = jnp.concatenate([xy, places])
+            volume = jnp.concatenate([volume, shares / 2 * section * length])
         if self.holes is not None:
-            shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
             xy, volume = self.holes.cut(
                 porosity.LayerDeposit(xy, volume), porosity.widest(width), self.height, shares
             )
         return Points(_at_middle(xy, self._depth), volume * self.stacking.layers)
+
+    @property
+    def _joined(self) -> bool:
+        """Whether fine lines are joined where they end: with both families on a layer lines of the
+        other one lie there already."""
+        return not self.stacking.both_families
 
     @property
     def _depth(self) -> float:
@@ -288,10 +301,14 @@ class GridLines(AbstractPattern):
                         press=PRESS,
                     )
                     if self.embedded is not None:
-                        combs = int(self.comb[0]), int(self.comb[1])
-                        trace = partial(along, *shape)
                         made[scan] = with_fine(
-                            made[scan], self.embedded, scan, combs, edge=edge, trace=trace
+                            made[scan],
+                            self.embedded,
+                            scan,
+                            (int(self.comb[0]), int(self.comb[1])),
+                            edge=edge,
+                            trace=partial(along, *shape),
+                            joined=self._joined,
                         )
             yield [made[scan] for scan in layer]
 
