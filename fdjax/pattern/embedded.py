@@ -26,14 +26,15 @@ class Zone:
     - `refine`: parts of each side of a cell.
     - `distance`: signed distance to the outline, mm, positive inside.
     - `fade`: side of the cells there, mm: over so much a border is smeared in the mean of layers.
-    - `border`: where fine lines end, and are joined: the outline, but for walls, lines in mm.
+    - `border`: pieces of the outline, lines between two points, mm, where fine lines that end
+      there and opposite are joined.
     """
 
     outline: Any
     refine: int
     distance: Raster
     fade: float
-    border: shapely.Geometry = field(default_factory=shapely.LineString)
+    border: Any = field(default_factory=shapely.MultiLineString)
 
     @classmethod
     def of(
@@ -72,23 +73,20 @@ class Embedded:
             result = result * (1 + (zone.refine - 1) * xp.clip(depth, 0.0, 1.0))
         return result
 
-    @cached_property
-    def ways(self) -> tuple[Any, Any]:
+    def ways(self, clear: Any) -> tuple[Any, Any]:
         """Places xy along the borders, (n, 2), mm, and the length of joins at each, (n,), mm.
 
         In the mean of a family's layers: two fine lines that a line takes turn over four of their
-        spacings, half of that at either border.
+        spacings, half of that at either border, and fall short of it by `clear` mm at each turn.
         """
-        xy, length = [np.zeros((0, 2))], [np.zeros(0)]
+        xp = namespace(clear)
+        xy, length = [np.zeros((0, 2))], [xp.zeros(0)]
         for zone in self.zones:
-            for line in shapely.get_parts(zone.border):
-                count = max(1, int(np.ceil(line.length / zone.fade)))
-                at = (np.arange(count) + 0.5) / count
-                points = shapely.line_interpolate_point(line, at, normalized=True)
-                xy.append(shapely.get_coordinates(points))
-                share = (zone.refine - 1) / zone.refine
-                length.append(np.full(count, share * line.length / count))
-        return np.concatenate(xy), np.concatenate(length)
+            share = (zone.refine - 1) / zone.refine * xp.maximum(1 - 2 * clear / zone.fade, 0.0)
+            ends = shapely.get_coordinates(zone.border).reshape(-1, 2, 2)
+            xy.append(ends.mean(1))
+            length.append(share * np.hypot(*(ends[:, 1] - ends[:, 0]).T))
+        return np.concatenate(xy), xp.concatenate(length)
 
     @cached_property
     def parts(self) -> int:

@@ -32,7 +32,7 @@ class Run(NamedTuple):
 
 
 class Bundle(NamedTuple):
-    """Three lines side by side from `start` to `stop`: one runs through, two are fine and end there.
+    """Three lines side by side from `start` to `stop`: one runs through, two are fine and end.
 
     `lines` in the order in which the road takes them, of which `host` runs through; `beside`: how
     far off the border it keeps where it comes to it twice, as a share of the unit square.

@@ -1,4 +1,4 @@
-"""The lattice on which a layer's lines lie, base and fine: places in the unit square, and traced."""
+"""The lattice on which a layer's lines lie, base and fine: places in the unit square, traced."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import equinox as eqx
@@ -121,34 +122,63 @@ def embed(
             )
     if not zones:
         return pattern
-    embedded = Embedded(tuple(zones))
-    pattern = base(_shared(target, embedded, pattern, limits))
+    pattern = base(_shared(target, Embedded(tuple(zones)), pattern, limits))
     state = state_of(pattern)
-    sized = []
+    least = limits.least_spacing or pattern.width
+    sized: list[Zone] = []
     for number, zone in enumerate(zones, 1):
-        side = _side(state, zone, Embedded(tuple(sized)))
-        if zone.outline.area < side**2:
-            x, y = shapely.get_coordinates(shapely.point_on_surface(zone.outline))[0]
-            raise InputError(
-                f"embedded: region {number}, at ({x:.4g}, {y:.4g}), is smaller than a cell of the "
-                f"base, whose sides there are about {side:.3g} mm; enlarge it or lay more lines"
-            )
-        # Beside a wall lines run on to it.
-        walls = shapely.boundary(outline).buffer(side / 2)
-        border = shapely.difference(shapely.boundary(zone.outline), walls)
-        sized.append(replace(zone, fade=side, border=border))
+        sized.append(_sized(zone, number, state, Embedded(tuple(sized)), outline, least))
     return replace(pattern, embedded=Embedded(tuple(sized)))
 
 
-def _side(state: State, zone: Zone, before: Embedded) -> float:
-    """Mean side of the cells that a zone divides, mm."""
+def _sized(
+    zone: Zone, number: int, state: State, before: Embedded, outline: Any, least: float
+) -> Zone:
+    """The zone with the cells that it finds; raises `InputError` where they cannot be divided."""
+    x, y = shapely.get_coordinates(shapely.point_on_surface(zone.outline))[0]
     inside = shapely.contains_xy(zone.outline, state.xy[..., 0], state.xy[..., 1])
-    at = shapely.point_on_surface(zone.outline)
     if not inside.any():
-        near = np.hypot(state.xy[..., 0] - at.x, state.xy[..., 1] - at.y)
-        inside = near == near.min()
-    side = np.sqrt(state.spacing[0] * state.spacing[1]) / before.times(state.xy)
-    return float(np.average(side[inside], weights=state.area[inside]))
+        far = np.hypot(state.xy[..., 0] - x, state.xy[..., 1] - y)
+        inside = far == far.min()
+    weight = (inside * state.area)[inside]
+    spacing = [(each / before.times(state.xy))[inside] for each in state.spacing]
+    side = float(np.average(np.sqrt(spacing[0] * spacing[1]), weights=weight))
+    if zone.outline.area < side**2:
+        raise InputError(
+            f"embedded: region {number}, at ({x:.4g}, {y:.4g}), is smaller than a cell of the "
+            f"base, whose sides there are about {side:.3g} mm; enlarge it or lay more lines"
+        )
+    narrow = min(float(np.average(each, weights=weight)) for each in spacing)
+    if narrow < zone.refine * least:
+        most = int(narrow / least)
+        can = f"refine by {most} at most" if most > 1 else "leave it out"
+        raise InputError(
+            f"embedded: region {number}, at ({x:.4g}, {y:.4g}): lines {narrow:.3g} mm apart, "
+            f"divided by {zone.refine}, come nearer than the least spacing, {least:g} mm; {can}, "
+            "or lay fewer lines"
+        )
+    return replace(zone, fade=side, border=_border(zone.outline, outline, side))
+
+
+def _border(zone: Any, outline: Any, side: float) -> shapely.MultiLineString:
+    """Pieces of a zone's border at which lines end that do not run on to a wall."""
+    walls = shapely.boundary(outline)
+    reach = float(np.hypot(*np.subtract(zone.bounds[2:], zone.bounds[:2])))
+    kept = []
+    for ring in shapely.get_rings(shapely.get_parts(zone)):
+        xy = shapely.get_coordinates(shapely.segmentize(ring, side))
+        for a, b in pairwise(xy):
+            middle, along = (a + b) / 2, (b - a) / np.hypot(*(b - a))
+            # To the inner side, if need be the other one, and to the far end of the first piece.
+            for across in (np.array([-along[1], along[0]]), np.array([along[1], -along[0]])):
+                ray = shapely.LineString([middle + 1e-6 * side * across, middle + reach * across])
+                first = shapely.get_parts(shapely.intersection(ray, zone))[0:1]
+                if len(first) and first[0].distance(shapely.Point(middle)) < 1e-3 * side:
+                    ends = [middle, shapely.get_coordinates(first[0])[-1]]
+                    if shapely.distance(shapely.points(ends), walls).min() > side / 2:
+                        kept.append([a, b])
+                    break
+    return shapely.MultiLineString(kept)
 
 
 def _shared(target: Asked, embedded: Embedded, pattern: GridLines, limits: Limits) -> Asked:

@@ -19,6 +19,7 @@ from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Panel, Penalties
 from fdjax.pattern.embedded import Embedded
+from fdjax.pattern.embedded_joins import CLEAR
 from fdjax.pattern.embedded_lines import with_fine
 from fdjax.pattern.grid_tracing import along, margins, spiral, traced
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
@@ -177,8 +178,9 @@ class GridLines(AbstractPattern):
         shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
         if self.embedded is not None and self._joined:
             # A border has one of the families end at it.
-            places, length = self.embedded.ways
-            section = section_area(porosity.widest(width), self.height)
+            widest = porosity.widest(width)
+            places, length = self.embedded.ways(CLEAR * widest)
+            section = section_area(widest, self.height)
             xy = jnp.concatenate([xy, places])
             volume = jnp.concatenate([volume, shares / 2 * section * length])
         if self.holes is not None:
