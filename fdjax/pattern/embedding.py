@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import groupby, pairwise
 from typing import Any
 
 import equinox as eqx
@@ -36,6 +36,11 @@ class Wanted:
     refine: int
     outline: Any = None
     cells: tuple[tuple[int, int], tuple[int, int]] | None = None
+
+    @property
+    def asked(self) -> bool:
+        """Whether the target says where it lies."""
+        return self.outline is None and self.cells is None
 
 
 def _embedded(value: Any, place: Place) -> tuple[Wanted, ...]:
@@ -97,29 +102,21 @@ def embed(
     """
     pattern = base(target)
     zones: list[Zone] = []
-    for number, each in enumerate(wanted, 1):
-        shape = each.outline
-        if each.cells is not None:
-            shape = _between(pattern, each.cells, number)
-        elif shape is None:
-            shape = lacking(pattern, target, Embedded(tuple(zones)), each.refine, limits)
-            if shape is None:
-                continue
-        inside = shapely.intersection(shape, outline)
-        if not inside.area > 0:
-            x, y = shapely.get_coordinates(shapely.point_on_surface(shape))[0]
-            raise InputError(
-                f"embedded: region {number}, at ({x:.4g}, {y:.4g}), lies outside the base grid"
-            )
-        made = Zone.of(
-            inside, each.refine, fade=window, bounds=outline.bounds, resolution=window / 16
-        )
-        zones.append(made)
-        if Embedded(tuple(zones)).parts > MOST:
-            raise InputError(
-                f"embedded: with region {number} base cells fall into more than {MOST} parts each "
-                "way; refine less"
-            )
+    numbered = list(enumerate(wanted, 1))
+    for asked, group in groupby(numbered, key=lambda each: each[1].asked):
+        some = list(group)
+        if asked:
+            refine = [each.refine for _, each in some]
+            shapes = lacking(pattern, target, Embedded(tuple(zones)), refine, limits)
+        else:
+            shapes = [_given(pattern, each, number) for number, each in some]
+        for (number, each), shape in zip(some, shapes, strict=False):
+            zones.append(_inside(shape, each.refine, number, outline, window))
+            if Embedded(tuple(zones)).parts > MOST:
+                raise InputError(
+                    f"embedded: with region {number} base cells fall into more than {MOST} parts "
+                    "each way; refine less"
+                )
     if not zones:
         return pattern
     pattern = base(_shared(target, Embedded(tuple(zones)), pattern, limits))
@@ -129,6 +126,21 @@ def embed(
     for number, zone in enumerate(zones, 1):
         sized.append(_sized(zone, number, state, Embedded(tuple(sized)), outline, least))
     return replace(pattern, embedded=Embedded(tuple(sized)))
+
+
+def _given(pattern: GridLines, wanted: Wanted, number: int) -> Any:
+    return wanted.outline if wanted.cells is None else _between(pattern, wanted.cells, number)
+
+
+def _inside(shape: Any, refine: int, number: int, outline: Any, window: float) -> Zone:
+    """The zone that is left of a shape in the outline, before its cells are known."""
+    inside = shapely.intersection(shape, outline)
+    if not inside.area > 0:
+        x, y = shapely.get_coordinates(shapely.point_on_surface(shape))[0]
+        raise InputError(
+            f"embedded: region {number}, at ({x:.4g}, {y:.4g}), lies outside the base grid"
+        )
+    return Zone.of(inside, refine, fade=window, bounds=outline.bounds, resolution=window / 16)
 
 
 def _sized(

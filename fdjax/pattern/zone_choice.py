@@ -1,6 +1,6 @@
 """Which cells of a base grid to divide: those where it lacks most beside the target."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -72,42 +72,66 @@ def _looked(pattern: GridLines) -> tuple[Any, ...]:
 
 
 def lacking(
-    pattern: GridLines, target: Asked, embedded: Embedded, refine: int, limits: Limits
-) -> Any:
-    """Where lines of the base lack most beside the target, mm; None if nowhere.
+    pattern: GridLines, target: Asked, embedded: Embedded, refine: Sequence[int], limits: Limits
+) -> list[Any]:
+    """Where lines of the base lack most beside the target: outlines, mm, each within the last.
+
+    - `embedded`: zones there already; `refine`: parts of cells in each zone that is looked for.
 
     Those cells are divided with which the base, its lines as dense along xi and along eta as is
-    best then, comes nearest to the target over the part.
+    best then, comes nearest to the target over the part; as few times as are worth it.
     """
     state = state_of(pattern)
     asked = 1 - np.asarray(target(state.xy[..., 0], state.xy[..., 1]))
     times = embedded.times(state.xy)
-    least = limits.least_spacing or pattern.width
-    room = np.minimum(*state.spacing) / least
+    most = np.minimum(*state.spacing) / (limits.least_spacing or pattern.width) * state.solid
     fit = _Fit(state, asked, evenly=jax.tree.leaves(pattern.first) == [])
-    plain, _ = fit.base(times)
-    found = []
-    for level in np.quantile(asked, _LEVELS):
-        base = np.full_like(asked, level)
+    error, base = fit.base(times)
+    finer, depth = np.ones_like(times), 0
+    for count in range(1, len(refine) + 1):
+        if error < FINE:
+            break
+        found = _divided(fit, times, np.cumprod([1, *refine[:count]]), most)
+        if found[0] <= WORTH * error:
+            error, finer, base = found
+            depth = count
+    cell = np.sqrt(np.prod(state.spacing, axis=0)) * state.solid / (base * times)
+    shapes = []
+    for factor in np.cumprod(refine[:depth]):
+        inside = finer >= factor
+        side = float(np.average(cell[inside])) / (factor / refine[len(shapes)])
+        # No necks or bits of less than two cells.
+        shape = _outlined(state.xy, inside)
+        for by in (side, -2 * side, side):
+            shape = shape.buffer(by, join_style="mitre")
+        if not shape.area > 0:
+            break
+        shapes.append(shape)
+    return shapes
+
+
+def _divided(
+    fit: "_Fit", times: Floats, factors: NDArray[np.intp], most: Floats
+) -> tuple[float, Floats, Floats]:
+    """The error left, which of these factors divides each cell, and the base's solid share.
+
+    - `most`: that the base could have, lines as near as they may be.
+    """
+    found: list[tuple[float, float, Floats, Floats]] = []
+    for level in np.quantile(fit.asked, _LEVELS):
+        base = np.full_like(times, level)
         for _ in range(_ROUNDS):
-            more = np.abs(asked - refine * times * base) < np.abs(asked - times * base)
-            more &= refine * times * base <= room * state.solid
-            error, base = fit.base(np.where(more, refine * times, times))
-            found.append((error, float(state.area[more].sum()), more, base))
-    left = min(each[0] for each in found)
-    if plain < FINE or left > WORTH * plain:
-        return None
+            made = factors[:, None, None] * (times * base)
+            off = np.where(made <= most, np.abs(fit.asked - made), np.inf)
+            off[0] = np.abs(fit.asked - made[0])
+            finer = factors[np.argmin(off, 0)].astype(float)
+            error, base = fit.base(finer * times)
+            found.append((error, float((fit.state.area * np.log(finer)).sum()), finer, base))
+    left, plain = min(each[0] for each in found), fit.base(times)[0]
     # Of those about as good, the smallest.
     good = [each for each in found if each[0] <= left + SLACK * (plain - left)]
-    _, _, finer, best = min(good, key=lambda each: each[1])
-    share = state.solid / best
-    cell = np.sqrt(np.prod(state.spacing, axis=0)) * share / times
-    side = float(np.average(cell[finer]))
-    # No necks or bits of less than two cells.
-    shape = _outlined(state.xy, finer)
-    for by in (side, -2 * side, side):
-        shape = shape.buffer(by, join_style="mitre")
-    return shape if shape.area > 0 else None
+    error, _, finer, base = min(good, key=lambda each: each[1])
+    return error, finer, base
 
 
 @dataclass(frozen=True, eq=False)
