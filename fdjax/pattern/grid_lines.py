@@ -1,6 +1,7 @@
 """Grid lines as roads: two families of lines of a map of the unit square."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -17,10 +18,14 @@ from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Panel, Penalties
-from fdjax.pattern.grid_tracing import margins, spiral, traced
+from fdjax.pattern.embedded import Embedded
+from fdjax.pattern.embedded_joins import CLEAR
+from fdjax.pattern.embedded_lines import with_fine
+from fdjax.pattern.grid_tracing import along, margins, spiral, traced
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
+from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.holes import Holes
 from fdjax.road.porosity import Lattice, Margins, Samples
@@ -87,6 +92,7 @@ class GridLines(AbstractPattern):
     - `apart`: on a disc, where `left` is but a point at which eta lines would meet, every second
       one ends where they come nearer than this, mm; else None.
     - `spiral`: whether a closed map's xi lines are one spiral on each layer.
+    - `embedded`: where a map with four sides has finer lines between its own, or None.
     """
 
     sides: Sides
@@ -114,6 +120,7 @@ class GridLines(AbstractPattern):
     base_made: Bool[Array, ""] | bool = True
     apart: float | None = None
     spiral: bool = eqx.field(static=True, default=False)
+    embedded: Embedded | None = eqx.field(static=True, default=None)
 
     def __check_init__(self) -> None:
         if self.kind not in MAPS:
@@ -166,13 +173,27 @@ class GridLines(AbstractPattern):
             self.stacking,
             closed=self.closed,
             least_spacing=self.apart,
+            times=None if self.embedded is None else self.embedded.times,
         )
+        shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
+        if self.embedded is not None and self._joined:
+            # A border has one of the families end at it.
+            widest = porosity.widest(width)
+            places, length = self.embedded.ways(CLEAR * widest)
+            section = section_area(widest, self.height)
+            xy = jnp.concatenate([xy, places])
+            volume = jnp.concatenate([volume, shares / 2 * section * length])
         if self.holes is not None:
-            shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
             xy, volume = self.holes.cut(
                 porosity.LayerDeposit(xy, volume), porosity.widest(width), self.height, shares
             )
         return Points(_at_middle(xy, self._depth), volume * self.stacking.layers)
+
+    @property
+    def _joined(self) -> bool:
+        """Whether fine lines are joined where they end: with both families on a layer lines of the
+        other one lie there already."""
+        return not self.stacking.both_families
 
     @property
     def _depth(self) -> float:
@@ -185,20 +206,22 @@ class GridLines(AbstractPattern):
         local = porosity.cell_porosity(
             along, width, self.height, self.lines_per_layer, self.stacking
         )
+        local = 1 - (1 - local) * self._times(xy)
         area = along.jacobian * xi.weights[:, None] * eta.weights
         points = _at_middle(xy[1:-1, 1:-1].reshape(-1, 2), self._depth)
         return points, local[1:-1, 1:-1].ravel(), area[1:-1, 1:-1].ravel() * self._depth
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
-        xi, eta, _, walled = realised.lattice
+        xi, eta, xy, walled = realised.lattice
         n_xi, n_eta = self.lines_per_layer
         least = limits.least_spacing or realised.width(xi.places[:, None], eta.places[None])
         # Beyond a fold spacing means nothing, and a division by J would blow up.
         positive = jnp.maximum(walled.jacobian, 1e-3 * jnp.abs(walled.jacobian).mean())
+        times, finest = self._times(xy), self._times(xy, beyond=0.5)
         # Lines run up to two of the walls, and lie on none.
         closeness = [
-            (least * n_xi * norm(walled.eta) / positive)[1:-1],
-            (least * n_eta * norm(walled.xi) / positive)[:, 1:-1],
+            (finest * least * n_xi * norm(walled.eta) / positive)[1:-1],
+            (finest * least * n_eta * norm(walled.xi) / positive)[:, 1:-1],
         ]
         if self.apart is not None:
             # Eta lines end where they would come too near.
@@ -206,7 +229,8 @@ class GridLines(AbstractPattern):
         inner = Tangents(*(tangent[1:-1, 1:-1] for tangent in walled))
         along_xi, along_eta = norm(inner.xi), norm(inner.eta)
         # Spans vary slowly: every second place will do.
-        spans = [along_eta[::2, ::2] / n_eta, along_xi[::2, ::2] / n_xi]
+        times = times[1:-1, 1:-1]
+        spans = [(each / times)[::2, ::2] for each in (along_eta / n_eta, along_xi / n_xi)]
         lengths = [along_eta.mean(1), along_xi.mean(0)]
         return {
             "fold": (FOLD_FLOOR - walled.jacobian / inner.jacobian.mean()).ravel() / FOLD_FLOOR,
@@ -215,6 +239,12 @@ class GridLines(AbstractPattern):
             "span": jnp.stack(spans).ravel() / limits.longest_span - 1,
             "length": limits.least_road / jnp.concatenate(lengths) - 1,
         }
+
+    def _times(self, xy: Array, *, beyond: float = 0.0) -> Array:
+        """How many times as many lines as the base has lie at places (n, m, 2), mm."""
+        if self.embedded is None:
+            return jnp.ones(xy.shape[:-1])
+        return self.embedded.times(xy, beyond=beyond)
 
     def skew(self, realised: Realised) -> Float[Array, "n m"]:
         """|cos| of the angle between the families where design looks, walls included."""
@@ -272,6 +302,16 @@ class GridLines(AbstractPattern):
                         [line[k:] for line, k in zip(width, begin, strict=False)],
                         press=PRESS,
                     )
+                    if self.embedded is not None:
+                        made[scan] = with_fine(
+                            made[scan],
+                            self.embedded,
+                            scan,
+                            (int(self.comb[0]), int(self.comb[1])),
+                            edge=edge,
+                            trace=partial(along, *shape),
+                            joined=self._joined,
+                        )
             yield [made[scan] for scan in layer]
 
     @staticmethod
@@ -352,6 +392,7 @@ class GridLines(AbstractPattern):
             "lines_per_layer": {"xi": xi, "eta": eta},
             "phases": self.stacking.phases,
             "grid": {name: float(value) for name, value in measures._asdict().items()},
+            **({} if self.embedded is None else {"embedded": self.embedded.facts}),
         }
 
 

@@ -32,18 +32,26 @@ def traced(
     run = jnp.linspace(0, 1, len(edge.left))
     of_xi = combs[0][:, None] + edge.shift_xi(combs[0])
     of_eta = combs[1][:, None] + edge.shift_eta(combs[1]).T
-    more = -(len(of_xi) + len(of_eta)) % _BATCH
-    xi, eta = (
-        np.concatenate([*lines, np.zeros((more, len(run)))]).reshape(-1, _BATCH, len(run))
-        for lines in (
-            (of_xi, np.broadcast_to(run, of_eta.shape)),
-            (np.broadcast_to(run, of_xi.shape), of_eta),
-        )
+    xy, widths = along(
+        grid,
+        width,
+        np.concatenate([of_xi, np.broadcast_to(run, of_eta.shape)]),
+        np.concatenate([np.broadcast_to(run, of_xi.shape), of_eta]),
     )
-    traced = [_batch(grid, width, *lines) for lines in zip(xi, eta, strict=True)]
-    xy, widths = map(np.concatenate, zip(*traced, strict=True))
-    families = slice(len(of_xi)), slice(len(of_xi), len(of_xi) + len(of_eta))
+    families = slice(len(of_xi)), slice(len(of_xi), None)
     return [(xy[each], widths[each]) for each in families]
+
+
+def along(
+    grid: AbstractGridMap, width: AbstractWidth, xi: np.ndarray, eta: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of lines through places xi, eta, (lines, points), and the widths between them."""
+    count, points = xi.shape
+    padded = ((0, -count % _BATCH), (0, 0))
+    batches = (np.pad(each, padded).reshape(-1, _BATCH, points) for each in (xi, eta))
+    made = [_batch(grid, width, *lines) for lines in zip(*batches, strict=True)]
+    xy, widths = map(np.concatenate, zip(*made, strict=True))
+    return xy[:count], widths[:count]
 
 
 @eqx.filter_jit

@@ -1,6 +1,6 @@
 """Lines of a map of the unit square: what a user says of them, and how they begin."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -18,6 +18,7 @@ from fdjax.keys import FLAG, choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
+from fdjax.pattern.embedding import EMBEDDED, Wanted, embed
 from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
 from fdjax.pattern.map_domain import Domain, domain_of
@@ -139,6 +140,10 @@ class MapLines(AbstractSettings):
     spiral: bool = key(
         FLAG, "rings: xi lines as one spiral on each layer, and not as circles", default=False
     )
+    embedded: tuple[Wanted, ...] = key(
+        EMBEDDED, "zones in which each cell of the lines is divided, in turn; `auto`: where the "
+        "target asks for it", default=[],
+    )  # fmt: skip
 
     def __post_init__(self) -> None:
         for name in ("phi", "psi"):
@@ -164,11 +169,13 @@ class MapLines(AbstractSettings):
             raise InputError(f'spiral: map "{self.map}" has no closed lines')
         if self.map in CLOSED and self.solver != "newton":
             raise InputError(f'solver: map "{self.map}" is solved by "newton" only')
+        if self.embedded and self.map in CLOSED:
+            raise InputError(f'embedded: map "{self.map}" is a ring; four sides are needed')
 
     @property
     def corrections(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Rays of a disc end where a plan has them, which its model knows roughly."""
-        return 2 if self.map == "polar" and self.controls else 0
+        """Rays of a disc and fine lines end where a plan has them, which a model knows roughly."""
+        return 2 if (self.map == "polar" or self.embedded) and self.controls else 0
 
     @property
     def cells_first(self) -> bool:
@@ -196,6 +203,23 @@ class MapLines(AbstractSettings):
         beyond what spacing and span allow.
         """
         domain = domain_of(self.map, part, target, self.road_width)
+
+        def base(asked: Callable[[Any, Any], Any]) -> GridLines:
+            return self._begun(domain, part, asked, limits, window)
+
+        if not self.embedded:
+            return base(target)
+        return embed(self.embedded, base, target, domain.cut_out, limits, window)
+
+    def _begun(
+        self,
+        domain: Domain,
+        part: Part,
+        target: Callable[[Any, Any], Any],
+        limits: Limits,
+        window: float,
+    ) -> GridLines:
+        """The pattern without anything embedded, for a porosity `target(x, y)`."""
         height = part.slabs[0].height
         stacking = self.stacking(len(part.slabs))
         play = PLAY if "spacing_field" in self.controls else {}
@@ -251,7 +275,13 @@ class MapLines(AbstractSettings):
         skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
         return eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
 
-    def _apart(self, domain: Domain, target: Target, stacking: Stacking, height: float) -> float:
+    def _apart(
+        self,
+        domain: Domain,
+        target: Callable[[Any, Any], Any],
+        stacking: Stacking,
+        height: float,
+    ) -> float:
         """How near eta lines come to each other in the middle of a disc, mm.
 
         So that they bring `INSIDE` of the material that is asked there, or as near as roads can.

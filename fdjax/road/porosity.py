@@ -148,6 +148,7 @@ def line_deposit(
     *,
     closed: bool = False,
     least_spacing: Float[Array, ""] | float | None = None,
+    times: Callable[[Array], Array] | None = None,
 ) -> LayerDeposit:
     """Where the families of grid lines put their material, turn-arounds included.
 
@@ -158,6 +159,7 @@ def line_deposit(
       constant xi are closed and have no turn-arounds.
     - `least_spacing`: of the eta lines of a disc, mm, which end early towards its middle, and turn
       around at its rim alone; see `kept`. None: all run from wall to wall.
+    - `times`: as a function of the place (n, m, 2), mm, how many times as many lines lie there.
 
     Lines keep half a road from the walls: the lattice is squeezed by that much, to first order.
     Between two lines the path runs along one wall or the other in turn, so over the layers half
@@ -186,6 +188,9 @@ def line_deposit(
         walls_xi[0] = 0.0
         spacing = along.jacobian / (lines[1] * norm(along.xi))
         run_along_xi = run_along_xi * kept(spacing / least_spacing)
+    if times is not None:
+        more = times(xy)
+        run_along_eta, run_along_xi = more * run_along_eta, more * run_along_xi
     run_along_eta = run_along_eta + walls_xi[:, None] * turns_along_eta
     run_along_xi = run_along_xi + walls_eta * turns_along_xi[:, None]
     along_eta = norm(along.eta) * (1 - edge.bottom - edge.top)[:, None] * eta.weights
