@@ -18,6 +18,10 @@ MOST = 64
 """Largest number of parts of a base cell's side, all zones in each other together."""
 
 
+_ON_WALL = 1e-6
+"""A border nearer to a wall than this share of the base's size lies on it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Zone:
     """Where cells of the base grid carry a finer one.
@@ -37,19 +41,28 @@ class Zone:
     border: Any = field(default_factory=shapely.MultiLineString)
 
     @classmethod
-    def of(
-        cls, outline: Any, refine: int, *, fade: float, bounds: Any, resolution: float
-    ) -> "Zone":
-        """The distance to a resolution (mm) over the box `bounds` of the base."""
-        x0, y0, x1, y1 = bounds
+    def of(cls, outline: Any, refine: int, *, base: Any, fade: float, resolution: float) -> "Zone":
+        """A zone within the outline of the base, its distance to a resolution (mm).
+
+        Along walls of the base it has no border: there distances are those to the rest of it.
+        """
+        x0, y0, x1, y1 = base.bounds
         axes = [
             np.linspace(a, b, int(np.clip(np.ceil((b - a) / resolution), 2, 800)) + 1)
             for a, b in ((x0, x1), (y0, y1))
         ]
         points = shapely.points(*np.meshgrid(*axes, indexing="ij"))
-        shapely.prepare(outline)
-        far = shapely.distance(shapely.boundary(outline), points)
-        distance = np.where(shapely.contains(outline, points), far, -far)
+        size = float(np.hypot(x1 - x0, y1 - y0))
+        walls = shapely.boundary(base).buffer(_ON_WALL * size)
+        border = shapely.difference(shapely.boundary(outline), walls)
+        rest = shapely.difference(base, outline.buffer(_ON_WALL * size))
+        if border.is_empty or rest.is_empty:
+            distance = np.full([len(axis) for axis in axes], size)
+        else:
+            far = shapely.distance(border, points)
+            # Beside the base, as what lies nearest.
+            inside = shapely.distance(outline, points) < shapely.distance(rest, points)
+            distance = np.where(inside, far, -far)
         return cls(outline, refine, Raster(distance, (x0, y0, x1, y1)), fade)
 
 

@@ -140,7 +140,7 @@ def _inside(shape: Any, refine: int, number: int, outline: Any, window: float) -
         raise InputError(
             f"embedded: region {number}, at ({x:.4g}, {y:.4g}), lies outside the base grid"
         )
-    return Zone.of(inside, refine, fade=window, bounds=outline.bounds, resolution=window / 16)
+    return Zone.of(inside, refine, base=outline, fade=window, resolution=window / 16)
 
 
 def _sized(

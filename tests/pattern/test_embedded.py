@@ -55,7 +55,7 @@ def lengths(pattern):
 
 
 def zone(outline, refine, fade=2.0):
-    return Zone.of(outline, refine, fade=fade, bounds=(0, 0, 60, 40), resolution=0.25)
+    return Zone.of(outline, refine, fade=fade, base=PLATE, resolution=0.25)
 
 
 def test_zones_multiply_lines_inside_and_half_so_at_their_border():
@@ -63,6 +63,11 @@ def test_zones_multiply_lines_inside_and_half_so_at_their_border():
     at = np.array([[5.0, 5.0], [10.0, 20.0], [15.0, 20.0], [20.0, 20.0], [25.0, 20.0]])
     np.testing.assert_allclose(nested.times(at), [1, 1.5, 2, 4, 6], atol=1e-9)
     np.testing.assert_allclose(nested.times(jnp.asarray(at)), nested.times(at))
+    # Walls are no borders.
+    cut = Embedded((zone(box(0, 0, 20, 40), 2),))
+    at = np.array([[0.2, 0.2], [10.0, 39.9], [20.0, 40.0], [22.0, 0.1]])
+    np.testing.assert_allclose(cut.times(at), [2, 2, 1.5, 1], atol=1e-4)
+    np.testing.assert_allclose(Embedded((zone(PLATE, 3),)).times(at), 3)
     assert nested.parts == 6
     assert Embedded((zone(box(0, 0, 9, 9), 2), zone(box(20, 0, 29, 9), 3))).parts == 6
     assert Embedded((zone(box(0, 0, 9, 9), 2), zone(box(20, 0, 29, 9), 2))).parts == 2
@@ -103,6 +108,7 @@ def test_lines_that_take_fine_ones_are_longer_by_these_and_four_turns_a_pair(ref
 ZONES = {
     "nested": (Wanted(2, box(12, 8, 40, 30)), Wanted(2, box(20, 12, 32, 22))),
     "at walls": (Wanted(3, box(-5, -5, 20, 20)), Wanted(2, box(40, 20, 70, 50))),
+    "everywhere": (Wanted(2, box(-1, -1, 61, 41)),),
     "round": (Wanted(2, circle((30, 20), 13)),),
     "side by side": (Wanted(2, box(10, 8, 30, 30)), Wanted(3, box(30, 8, 50, 30))),
     "over each other": (Wanted(2, box(10, 8, 35, 30)), Wanted(2, box(25, 15, 50, 38))),
@@ -133,7 +139,7 @@ def test_the_base_stays_as_it_is():
 
 
 @pytest.mark.parametrize("mode", ["alternate-staggered", "both-staggered"])
-@pytest.mark.parametrize("name", ["nested", "at walls"])
+@pytest.mark.parametrize("name", ["nested", "at walls", "everywhere"])
 def test_the_model_has_what_is_laid(name, mode):
     pattern = begun(*ZONES[name], layers=10, mode=mode, lines=(24, 18))
     deposit = pattern.deposit(pattern.realise(pattern.first))
