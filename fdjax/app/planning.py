@@ -204,8 +204,14 @@ def _cut(job: Job, plan: Build, result: Design, machine: Machine, target: Target
         return plan
     # Sections can make up for most of `FAINT`.
     least = (1 - 0.8 * FAINT) * result.volume
-    window, clearance = job.target.window, machine.limits.least_spacing
-    return cut_corners(plan, target, window=window, clearance=clearance, least=least)
+    return cut_corners(
+        plan,
+        target,
+        window=job.target.window,
+        clearance=machine.limits.least_spacing,
+        least=least,
+        least_road=least_road(machine),
+    )
 
 
 def least_road(machine: Machine) -> float:

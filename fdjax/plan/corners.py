@@ -15,6 +15,7 @@ import shapely
 from numpy.typing import NDArray
 
 from fdjax.plan.compare import compare
+from fdjax.plan.laid import shortest_road
 from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build, Layer, Road
 
@@ -62,14 +63,16 @@ def cut_corners(
     window: float,
     clearance: float | None = None,
     least: float = 0.0,
+    least_road: float = 0.0,
 ) -> Build:
     """The build with the corners of its turn-arounds cut by as much as brings windows nearest.
 
     Compared with the porosity `target(x, y[, z])` are square windows of side `window`, mm, at every
     half of their side, all layers together, in the mean square; a leg is at most 0.45 of the way to
     the next corner. No cut comes nearer than `clearance`, mm (None: the widest road's width), to
-    other lines or leaves the outline, and the build keeps at least the volume `least`, mm^3. Roads
-    of the families "xi" and "eta" alone turn around; others are left as they are.
+    other lines or leaves the outline, no road becomes shorter than `least_road`, mm, and the build
+    keeps at least the volume `least`, mm^3. Roads of the families "xi" and "eta" alone turn around;
+    others are left as they are.
 
     Raises `InputError` for a build without outlines, as `measure` does.
     """
@@ -88,7 +91,9 @@ def cut_corners(
         roads = list(layer.roads)
         for number, corners in some.items():
             own, leg = np.split(leg, [len(corners.at)])
-            roads[number] = _cut(roads[number], corners.at, own)
+            cut = _cut(roads[number], corners.at, own)
+            if cut.length >= shortest_road(cut.width, least_road):
+                roads[number] = cut
         layers.append(replace(layer, roads=tuple(roads)))
     return build.replace(layers=tuple(layers))
 

@@ -78,6 +78,15 @@ def test_volume_is_not_cut_below_the_least():
     assert same.volume == build.volume
 
 
+def test_no_road_is_cut_below_the_least():
+    hook = Road(np.array([(5.0, 5.0), (5.0, 7.0), (7.0, 7.0)]), WIDTH, family="xi")
+    for least, cut in ((3.0, True), (3.9, False)):
+        build = cut_corners(plate(hook), solid(0.0), window=5, least_road=least)
+        (after,) = build.layers[0].roads
+        assert (after.length < hook.length) == cut
+        assert after.length >= least
+
+
 @pytest.mark.parametrize("family", ["", "curve", "raster", "edges"])
 def test_other_roads_are_left_as_they_are(family):
     build = plate(serpentine(family=family))
