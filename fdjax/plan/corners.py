@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 _SHARP = np.deg2rad(40)
-"""Lines turn by less at each of their points, turn-arounds by more at their corners."""
+"""Lines turn by less at each of their points, turn-arounds by more at each of their corners."""
 _LEG = 0.45
 """Largest leg of a cut, as a share of the way to the next corner."""
 _LEAST = 1e-3
@@ -128,14 +128,17 @@ def _of_road(road: Road, height: float) -> tuple[_Corners, list[Any]]:
     step = np.diff(path, axis=0)
     at = np.concatenate([[0.0], np.cumsum(np.hypot(*step.T))])
     way = np.arctan2(step[:, 1], step[:, 0])
-    turn = np.abs((np.diff(way) + np.pi) % (2 * np.pi) - np.pi)
-    sharp = np.flatnonzero(turn > _SHARP) + 1
+    turn = (np.diff(way) + np.pi) % (2 * np.pi) - np.pi
+    sharp = np.flatnonzero(np.abs(turn) > _SHARP) + 1
     bounds = np.concatenate([[0], sharp, [len(path) - 1]])
     gap = np.diff(at[bounds])
-    leg = _LEG * np.minimum(gap[:-1], gap[1:])
+    # Two corners the same way turn around; one there and one back do not.
+    alike = np.diff(np.sign(turn[sharp - 1])) == 0
+    around = np.concatenate([alike, [False]]) | np.concatenate([[False], alike])
+    leg = np.where(around[: len(sharp)], _LEG * np.minimum(gap[:-1], gap[1:]), 0.0)
     ends = _along(path, at, np.stack([at[sharp] - leg, at[sharp] + leg], 1))
     section = np.broadcast_to(road.areas(height), way.shape)[sharp - 1]
-    corners = _Corners(at[sharp], path[sharp], turn[sharp - 1], leg, ends, section)
+    corners = _Corners(at[sharp], path[sharp], np.abs(turn[sharp - 1]), leg, ends, section)
     pieces = [shapely.linestrings(path[a : b + 1]) for a, b in pairwise(bounds)]
     return corners, pieces
 

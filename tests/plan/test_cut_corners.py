@@ -78,9 +78,15 @@ def test_volume_is_not_cut_below_the_least():
     assert same.volume == build.volume
 
 
+def test_a_line_that_goes_aside_and_on_does_not_turn_around():
+    aside = Road(np.array([(5.0, 2.0), (5.0, 9.0), (8.0, 9.0), (8.0, 17.0)]), WIDTH, family="xi")
+    (after,) = cut_corners(plate(aside), solid(0.0), window=5).layers[0].roads
+    assert np.array_equal(after.xy, aside.xy)
+
+
 def test_no_road_is_cut_below_the_least():
-    hook = Road(np.array([(5.0, 5.0), (5.0, 7.0), (7.0, 7.0)]), WIDTH, family="xi")
-    for least, cut in ((3.0, True), (3.9, False)):
+    hook = Road(np.array([(5.0, 5.0), (5.0, 7.0), (7.0, 7.0), (7.0, 5.0)]), WIDTH, family="xi")
+    for least, cut in ((4.0, True), (5.9, False)):
         build = cut_corners(plate(hook), solid(0.0), window=5, least_road=least)
         (after,) = build.layers[0].roads
         assert (after.length < hook.length) == cut
