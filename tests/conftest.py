@@ -1,6 +1,7 @@
 """Every test runs in float64."""
 
 import os
+from pathlib import Path
 
 # BLAS threads gain nothing on the solver's small blocks and spin on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -15,6 +16,20 @@ jax.config.update("jax_enable_x64", True)
 collect_ignore = [f"benchmarks/{name}.py" for name in ("accuracy", "designs", "grids", "streaming")]
 # Those of other people's programs run in an environment of their own.
 collect_ignore += ["machine/clients"]
+
+
+MAPPINGS = 30_000
+"""Of 65,530 pieces of memory that Linux lets a process map by default; each program that XLA
+compiles takes some, and where there are none left the next one ends in a segmentation fault."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def room_for_programs():
+    """Compiled programs are forgotten between modules where there are very many."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MAPPINGS:
+        jax.clear_caches()
 
 
 @pytest.fixture(scope="module")
