@@ -19,8 +19,8 @@ collect_ignore += ["machine/clients"]
 
 
 MAPPINGS = 30_000
-"""Of 65,530 pieces of memory that Linux lets a process map by default; each program that XLA
-compiles takes some, and where there are none left the next one ends in a segmentation fault."""
+"""Of 65,530 pieces of memory that Linux lets a process map by default. Each program that XLA
+compiles takes some, and with all tests in one process its compiler was seen to crash."""
 
 
 @pytest.fixture(scope="module", autouse=True)

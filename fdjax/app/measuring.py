@@ -91,8 +91,7 @@ class Answer:
         layers = self.build.layers
         number = np.concatenate([layer.materials for layer in layers])
         volume = np.concatenate([layer.road_volumes for layer in layers])
-        laid = {each: float(volume[number == each].sum()) for each in np.unique(number).tolist()}
-        return {str(each): share for each, share in laid.items()}
+        return {str(each): float(volume[number == each].sum()) for each in np.unique(number)}
 
     def facts(self) -> dict[str, Any]:
         """All that was measured, as plain data for JSON; windows left out are None."""

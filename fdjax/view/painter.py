@@ -1,6 +1,6 @@
 """Pictures drawn by a process of their own, while the command that wants them goes on.
 
-Matplotlib takes as long to load as a file of some megabytes to be read.
+Matplotlib takes as long to load as a file of twenty megabytes to be read.
 """
 
 import os
