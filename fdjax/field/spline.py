@@ -81,11 +81,12 @@ def _derived(piece: Floats, times: int) -> Floats:
 
 
 def product(coefficients: Any, x: Any, y: Any, z: Any) -> Any:
-    """The spline on a lattice, (n, m, p), from coefficients (K, L, M) and a basis of each axis."""
+    """Splines on a lattice, (..., n, m, p), from coefficients (..., K, L, M) and a basis of each
+    axis; those of x and y may be many, (..., 1, n, K).
+    """
     xp = namespace(coefficients, x, y, z)
-    rows = xp.tensordot(x, coefficients, 1)
-    along_y = xp.tensordot(xp.swapaxes(rows, 1, 2), y.T, 1)
-    return xp.tensordot(xp.swapaxes(along_y, 1, 2), z.T, 1)
+    planes = xp.moveaxis(xp.tensordot(coefficients, z.T, 1), -1, -3)
+    return xp.moveaxis(x @ planes @ xp.swapaxes(y, -1, -2), -3, -1)
 
 
 def scattered(

@@ -6,7 +6,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -71,8 +70,9 @@ class Design:
         ]
         windows: SoftWindows | None = self.objective.windows
         if windows is not None:
-            used = np.asarray(windows.room > LEAST_WINDOW * windows.full)
-            asked = np.where(used, np.asarray(windows.target), np.nan)
+            windows = jax.device_get(windows)
+            used = windows.room > LEAST_WINDOW * windows.full
+            asked = np.where(used, windows.target, np.nan)
             steps = [np.diff(asked, axis=axis) for axis in range(3)]
             steepest = max(float(np.nanmax(np.abs(step), initial=0.0)) for step in steps)
             if steepest > STEEP:
@@ -107,7 +107,7 @@ class Design:
         windows: SoftWindows = self.objective.windows
         if windows is None:
             return self
-        modelled, volume = _modelled(self.pattern, windows)
+        modelled, volume = jax.device_get(_modelled(self.pattern, windows))
         # By NumPy: as many pieces as no other plan has would compile anew.
         by_hand = jax.tree.map(np.asarray, windows)
         laid = by_hand.sums(Points(np.asarray(places), np.asarray(volumes)))
@@ -115,8 +115,8 @@ class Design:
         beside = np.where(counted, laid - modelled, 0.0) / np.maximum(by_hand.room, 1e-300)
         goal = replace(
             windows,
-            target=jnp.asarray(by_hand.target - beside),
-            total=jnp.asarray(by_hand.total - (np.sum(volumes) - volume)),
+            target=jax.device_put(by_hand.target - beside),
+            total=jax.device_put(by_hand.total - (np.sum(volumes) - volume)),
         )
         outcome = optimise(
             eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
@@ -183,7 +183,7 @@ def design(
     if not (windows.room > LEAST_WINDOW * windows.full).any():
         raise InputError(f"window: none of {window:g} mm is half inside; ask for a smaller one")
     # As arrays, so that other numbers do not compile anew.
-    windows = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), windows)
+    windows = jax.tree.map(lambda value: jax.device_put(np.asarray(value, float)), windows)
     volume = float(windows.total)
     now = pattern.begin(part, target, limits, window)
     patience = now.patience if patience is None else patience
@@ -219,7 +219,7 @@ def _finished(
     volume: float,
 ) -> Design:
     """The design of a pattern at its own controls, looked at as it is now."""
-    made, excess, width = _survey(pattern, objective.limits)
+    made, excess, width = jax.device_get(_survey(pattern, objective.limits))
     return Design(
         part=part,
         objective=objective,

@@ -215,7 +215,7 @@ def optimise(
     steps = STEPS[many] if steps is None else steps
     patience = PATIENCE[many] if patience is None else patience
     problem = _Problem(objective, controls if many else None, unravel, many)
-    free = jnp.zeros_like(free) if many else free
+    free = jax.device_put(np.zeros(free.size)) if many else free
     if steps < 1:
         error, _, penalty, *_ = map(float, _looked_at(free, problem))
         return Outcome(controls, error, penalty, 0, False, time.perf_counter() - began)
@@ -224,8 +224,9 @@ def optimise(
     while not done and count < steps:
         free, state, stopped = _step(free, problem, state)
         count += 1
-        error, _, penalty, *_ = map(float, state.aux)
-        value = float(np.sqrt((state.aux**2).sum()))
+        sizes = np.asarray(state.aux)
+        error, _, penalty, *_ = map(float, sizes)
+        value = float(np.sqrt((sizes**2).sum()))
         if value < min(gained, default=np.inf):
             gained.append(value)
             rejected = 0

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from fdjax.arrays import namespace
 from fdjax.field.pointwise import place_by_place
 from fdjax.field.poisson import Poisson
 from fdjax.field.spline import Axis, product
@@ -59,23 +60,27 @@ class Lattice(NamedTuple):
     def of(cls, axes: tuple[Axis, Axis, Axis], room: Room) -> "Lattice":
         x, y, z = axes
         bases = (x.basis(room.x), y.basis(room.y), z.basis(room.z))
-        return cls(*map(jnp.asarray, (*bases, x.basis(room.x, 1), y.basis(room.y, 1))))
+        return jax.device_put(cls(*bases, x.basis(room.x, 1), y.basis(room.y, 1)))
 
-    def gradient(self, coefficients: Any) -> tuple[Any, Any]:
-        """Slopes along x and along y on the lattice, (n, m, p), 1/mm."""
-        along_x = product(coefficients, self.slope_x, self.y, self.z)
-        return along_x, product(coefficients, self.x, self.slope_y, self.z)
+    def gradient(self, coefficients: Any) -> Any:
+        """Slopes along x and along y on the lattice, (..., 2, n, m, p), 1/mm, of splines with
+        coefficients (..., K, L, M).
+        """
+        xp = namespace(coefficients, *self)
+        along_x, along_y = xp.stack([self.slope_x, self.x]), xp.stack([self.y, self.slope_y])
+        each = coefficients[..., None, :, :, :]
+        return product(each, along_x[:, None], along_y[:, None], self.z)
 
 
 class Realised(NamedTuple):
-    """What controls amount to: both functions' coefficients and, on the lattice, gradients,
-    densities |grad| (1/mm) and road width (mm), shapes that broadcast to (n, m, p).
+    """What controls amount to: both functions' coefficients and, on the lattice, their gradients
+    (1/mm), x before y, their densities |grad| (1/mm) and the road width (mm).
     """
 
-    coefficients: tuple[Array, Array]
-    gradient: tuple[tuple[Array, Array], tuple[Array, Array]]
-    density: tuple[Array, Array]
-    width: Array
+    coefficients: Float[Array, "2 K L M"]
+    gradient: Float[Array, "2 2 n m p"]
+    density: Float[Array, "2 n m p"]
+    width: Float[Array, "#n #m #p"]
     made: Bool[Array, ""]
 
 
@@ -113,12 +118,11 @@ class ChartPattern(AbstractPattern):
         return eqx.tree_at(lambda p: p.first, self, controls)
 
     def realise(self, controls: Controls) -> Realised:
-        xi, eta = self.coefficients(controls)
-        gradient = self.lattice.gradient(xi), self.lattice.gradient(eta)
-        density = tuple(density_of(*each) for each in gradient)
+        coefficients = jnp.stack(self.coefficients(controls))
+        gradient = self.lattice.gradient(coefficients)
+        density = density_of(gradient[:, 0], gradient[:, 1])
         width = self.width_at(controls, self.width_bases)
-        made = jnp.isfinite(density[0].sum() + density[1].sum())
-        return Realised((xi, eta), gradient, (density[0], density[1]), width, made)
+        return Realised(coefficients, gradient, density, width, jnp.isfinite(density.sum()))
 
     def coefficients(self, controls: Controls) -> tuple[Array, Array]:
         """Spline coefficients of both functions; where P or Q is controlled, (5) is solved."""
@@ -147,23 +151,23 @@ class ChartPattern(AbstractPattern):
             # The slope of a function's Laplacian is a third derivative of it.
             order, weight = (1, _SMOOTH**2) if source else (3, _SMOOTH**2 / self._knot_area)
             inner = values[1:-1, 1:-1] if source else values
-            for axis in range(3):
-                if inner.shape[axis] > 1:
-                    pieces.append(weight * jnp.diff(inner, order, axis=axis).ravel())
+            pieces += [weight * each for each in _differences(inner, order)]
         if controls.width is not None and controls.width.ndim:
-            for axis in (0, 1):
-                change = jnp.diff(controls.width, 2, axis=axis).ravel()
-                pieces.append(change / np.sqrt(controls.width.size))
-        return jnp.concatenate(pieces)
+            bends = _differences(controls.width, 2)
+            pieces += [bend / np.sqrt(controls.width.size) for bend in bends]
+        return jnp.concatenate([piece.ravel() for piece in pieces])
 
     @property
     def _knot_area(self) -> float:
         return self.axes[0].step * self.axes[1].step
 
     def scale(self, step: Controls) -> Controls:
+        smoothed = _smoothed(jnp.stack([step.xi, step.eta]), self.waves)
         xi, eta = (
-            values.at[1:-1, 1:-1].divide(_STEP**2) if source else _smoothed(values, self.waves)
-            for source, values in zip(self.sources, (step.xi, step.eta), strict=True)
+            values.at[1:-1, 1:-1].divide(_STEP**2) if source else smooth
+            for source, values, smooth in zip(
+                self.sources, (step.xi, step.eta), smoothed, strict=True
+            )
         )
         return Controls(xi, eta, step.width)
 
@@ -208,15 +212,25 @@ def waves_of(axis: Axis) -> tuple[Array, Array]:
     """Waves of an axis's coefficients, and their squared wave numbers times `_STEP`, squared."""
     bend = np.diff(np.eye(axis.count), axis=0)
     rates, waves = np.linalg.eigh(bend.T @ bend)
-    return jnp.asarray(waves), jnp.asarray(np.maximum(rates, 0) * (_STEP / axis.step) ** 2)
+    return jax.device_put((waves, np.maximum(rates, 0) * (_STEP / axis.step) ** 2))
 
 
 def _smoothed(values: Array, waves: tuple[tuple[Array, Array], ...]) -> Array:
-    """Each wave divided by one more than its squared wave number."""
+    """Each wave of coefficients (..., K, L, M) divided by one more than its squared wave number."""
     (x, of_x), (y, of_y), (z, of_z) = waves
     parts = product(values, x.T, y.T, z.T)
     parts = parts / (1 + of_x[:, None, None] + of_y[:, None] + of_z)
     return product(parts, x, y, z)
+
+
+def _differences(values: Array, order: int) -> list[Array]:
+    """Differences of this order along each axis that has some."""
+    # By a matrix: what differences of differences become is worked out many times over by XLA.
+    return [
+        jnp.tensordot(np.diff(np.eye(count), order, axis=0), values, ((1,), (axis,)))
+        for axis, count in enumerate(values.shape)
+        if count > order
+    ]
 
 
 def width_bases(

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -142,15 +141,13 @@ class ChartSettings(AbstractSettings):
             middle = free_of(self.road_width, low, high)
             width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
         return {
-            "first": Controls(
-                jnp.asarray(xi), jnp.asarray(eta), None if width is None else jnp.asarray(width)
-            ),
+            "first": jax.device_put(Controls(xi, eta, width)),
             "axes": axes,
             "lattice": Lattice.of(axes, room),
-            "room": jax.tree.map(jnp.asarray, room),
-            "poisson": None if poisson is None else jax.tree.map(jnp.asarray, poisson),
+            "room": jax.device_put(room),
+            "poisson": jax.device_put(poisson),
             "waves": tuple(waves_of(axis) for axis in axes),
-            "width_bases": tuple(map(jnp.asarray, width_bases(axes, width, (room.x, room.y)))),
+            "width_bases": jax.device_put(tuple(width_bases(axes, width, (room.x, room.y)))),
             "width": self.road_width,
             "width_range": start.widths,
             "reach": start.reach,

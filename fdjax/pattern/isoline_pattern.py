@@ -29,6 +29,7 @@ from fdjax.pattern.chart import (
 )
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Raster
+from fdjax.road.room import Room
 from fdjax.road.stacking import FAMILIES, Scan, Stacking
 from fdjax.road.stroke import APART, LONGEST_JOIN, Lines
 
@@ -59,21 +60,9 @@ class IsolinePattern(ChartPattern):
         neighbours, so half of the wall is covered; where it runs along the wall nothing is.
         """
         room, width = self.room, realised.width
-        area = room.area_at(width / 2)
-        i, j, k = room.cell.T
-        length = jnp.sqrt((room.along**2).sum(1))
-        lines, turns = 0.0, 0.0
-        for family, (gx, gy), density in zip(
-            FAMILIES, realised.gradient, realised.density, strict=True
-        ):
-            share = self.stacking.layer_share(family)
-            lines = lines + share * density
-            ends = jnp.abs(gx[i, j, k] * room.along[:, 0] + gy[i, j, k] * room.along[:, 1]) / length
-            own = width[i, j, 0] if width.size > 1 else width[0, 0, 0]
-            turns = turns + share * length * _covered(ends, density[i, j, k], own)
-        run = (lines * area).at[i, j, k].add(turns)
-        volume = run * section_area(width, room.height) * room.layers
-        return Raster(room.x, room.y, room.z, volume)
+        shares = tuple(map(self.stacking.layer_share, FAMILIES))
+        run = _run(*realised.gradient[0], *realised.gradient[1], width, room, shares)
+        return Raster(room.x, room.y, room.z, run * section_area(width, room.height) * room.layers)
 
     @property
     def correcting(self) -> int:
@@ -82,8 +71,8 @@ class IsolinePattern(ChartPattern):
 
     def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
         room = self.room
-        shares = [self.stacking.layer_share(family) for family in FAMILIES]
-        run = sum(share * each for share, each in zip(shares, realised.density, strict=True))
+        xi, eta = map(self.stacking.layer_share, FAMILIES)
+        run = xi * realised.density[0] + eta * realised.density[1]
         solid = run * section_area(realised.width, room.height) / room.height
         volume = room.area_at(realised.width / 2) * room.height * room.layers
         points, volumes = Raster(room.x, room.y, room.z, volume).points
@@ -94,14 +83,12 @@ class IsolinePattern(ChartPattern):
         inside = self.room.area[0] > 0
         least = (limits.least_spacing or realised.width) * (1 + _TIGHT)
         least = jnp.broadcast_to(least, inside.shape)
-        skew, *others = _excess(*realised.gradient[0], *realised.gradient[1], least, self.reach)
-        count = inside.sum() / inside.size
+        skew, *others = _excess(
+            *realised.gradient[0], *realised.gradient[1], least, self.reach, inside
+        )
         kinds = {"skew": [skew], "spacing": others[:2], "span": others[2:]}
-        return {
-            name: jnp.stack([jnp.where(inside, one, -1.0) for one in some]).ravel()
-            / jnp.sqrt(count)
-            for name, some in kinds.items()
-        }
+        share = jnp.sqrt(inside.sum() / inside.size)
+        return {name: jnp.stack(some).ravel() / share for name, some in kinds.items()}
 
     def strokes(self, controls: Controls) -> Iterator[Sequence[Lines]]:
         xi, eta = (np.asarray(each) for each in self.coefficients(controls))
@@ -127,10 +114,11 @@ class IsolinePattern(ChartPattern):
 
     def facts(self, controls: Controls) -> dict[str, Any]:
         """Lines, knots, spacings, and the P = lap(xi) and Q = lap(eta) of eq. (5) inside."""
-        inside = np.asarray(self.room.area[0] > 0)
+        inside = np.asarray(self.room.area)[0] > 0
         lattice = Lattice(*map(np.asarray, self.lattice))
         functions = [np.asarray(each) for each in self.coefficients(controls)]
-        density = [np.hypot(*lattice.gradient(each))[inside] for each in functions]
+        slopes = lattice.gradient(np.stack(functions))
+        density = np.hypot(slopes[:, 0], slopes[:, 1])[:, inside]
         spacing = {
             family: [float(1 / own.max()), float(1 / max(own.min(), FLAT))]
             for family, own in zip(FAMILIES, density, strict=True)
@@ -161,34 +149,53 @@ class IsolinePattern(ChartPattern):
 
 @place_by_place
 def _excess(
-    ax: Array, ay: Array, bx: Array, by: Array, least: Array, reach: Array
+    ax: Array, ay: Array, bx: Array, by: Array, least: Array, reach: float, inside: Array
 ) -> tuple[Array, ...]:
     """By how much two gradients, 1/mm, break the limit of skew, of both families' spacing, `least`
-    (mm), and of both families' span, `reach` (mm).
+    (mm), and of both families' span, `reach` (mm); -1 where not `inside`.
     """
     first, second = density_of(ax, ay), density_of(bx, by)
     across = jnp.abs(ax * by - ay * bx)
-    return (
+    broken = (
         jnp.abs(ax * bx + ay * by) / (first * second) / SKEW - 1,
         *(each * least - 1 for each in (first, second)),
         # The lines of one family are bridges between those of the other.
         *(1 - reach * across / other for other in (first, second)),
     )
+    return tuple(jnp.where(inside, each, -1.0) for each in broken)
 
 
-def _covered(ends: Array, density: Array, width: Array) -> Array:
-    """Road a mm of wall that turning around takes, less what lines end early for it.
+@place_by_place
+def _run(
+    ax: Array, ay: Array, bx: Array, by: Array, width: Array, room: Room, shares: tuple[float, ...]
+) -> Array:
+    """Road (mm) in each cell and layer, (n, m, p), of two families with gradients a and b, 1/mm,
+    each on a share of the layers.
+    """
+    lines, turns = jnp.zeros(()), jnp.zeros(())
+    own = width if width.size == 1 else jnp.broadcast_to(width, ax.shape)
+    own = own.ravel() if width.size == 1 else room.at_walls(own)
+    for share, x, y in zip(shares, (ax, bx), (ay, by), strict=True):
+        lines = lines + share * density_of(x, y)
+        turns = turns + share * _turned(room.at_walls(x), room.at_walls(y), *room.along.T, own)
+    return room.add_at_walls(lines * room.area_at(width / 2), turns)
 
-    - `ends`: of lines a mm of wall, |d xi/ds|; `density`: |grad xi|, 1/mm; `width`: mm.
+
+def _turned(gx: Array, gy: Array, along_x: Array, along_y: Array, width: Array) -> Array:
+    """Road (mm) that turning around takes at pieces of wall, less what lines end early for it.
+
+    - `gx`, `gy`: of grad xi, 1/mm; `along_x`, `along_y`: of the pieces, mm; `width`: of roads, mm.
 
     Half the wall, where the next end is within `LONGEST_JOIN` and the lines do not run along it
     (below `_ALONG`). Where they meet it at a small angle (below `_WEDGE`) they end early by
     `APART` widths over its sine, and the join begins across the wedge.
     """
+    density, length = density_of(gx, gy), jnp.sqrt(along_x**2 + along_y**2)
+    ends = jnp.abs(gx * along_x + gy * along_y) / length
     sine = ends / density
     joined = jax.nn.sigmoid(12 * (LONGEST_JOIN * ends - 1)) * jax.nn.sigmoid((sine - _ALONG) * 60)
     early = jax.nn.sigmoid((_WEDGE - sine) * 30) * APART * width * (density - ends / 2)
-    return joined * (0.5 - early)
+    return length * joined * (0.5 - early)
 
 
 _ALONG, _WEDGE = 0.07, 0.35

@@ -88,6 +88,18 @@ class Room(NamedTuple):
         high = (margin - a) * (margin - b) / ((c - a) * (c - b))
         return low * self.area[0] + middle * self.area[1] + high * self.area[2]
 
+    def at_walls(self, values: Any) -> Any:
+        """Values (..., n, m, p) of the cells that pieces of wall lie in, (..., q), by JAX."""
+        return values.at[(..., *self.cell.T)].get(**_WITHIN)
+
+    def add_at_walls(self, values: Any, more: Any) -> Any:
+        """Values (n, m, p) of cells, with more (q,) for each piece of wall, by JAX."""
+        return values.at[tuple(self.cell.T)].add(more, **_WITHIN)
+
+
+_WITHIN: dict[str, Any] = {"mode": "promise_in_bounds", "wrap_negative_indices": False}
+"""Pieces of wall lie in cells that are there."""
+
 
 def _middle(plane: list[Slab]) -> float:
     return (plane[0].z - plane[0].height + plane[-1].z) / 2
