@@ -206,7 +206,16 @@ def test_rooms_import_from_rooms_above():
             if room == "machine":
                 assert other in ("errors", "units", "formats", *following, room)
             if room in ("plan", "formats", "view"):
-                light = other in ("errors", "units", "limits", "part", "plan", *following, room)
+                light = other in (
+                    "errors",
+                    "units",
+                    "limits",
+                    "beside",
+                    "part",
+                    "plan",
+                    *following,
+                    room,
+                )
                 assert light or module in WITHOUT_JAX, f"{path}: {module}"
 
 

@@ -72,11 +72,11 @@ def _design(arguments: argparse.Namespace) -> None:
 
 
 def _measure(arguments: argparse.Namespace) -> None:
-    from fdjax.view.painter import Painter
+    from fdjax.beside import Beside
 
-    with Painter() as painter:
+    with Beside("fdjax.view.figures") as beside:
         answer = _measured(arguments)
-        answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"), painter)
+        answer.picture(arguments.picture or Path(f"{arguments.file.stem}_porosity.png"), beside)
         table = answer.table()
     if arguments.json is not None:
         answer.write_json(arguments.json)

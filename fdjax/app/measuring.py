@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from fdjax.beside import Beside
 from fdjax.errors import InputError
 from fdjax.formats import read_file
 from fdjax.formats.footprint import outlined, with_outlines_of
@@ -21,7 +22,7 @@ from fdjax.plan.coverage import coverage
 from fdjax.plan.measure import Measurement, measure
 from fdjax.plan.toolpath import Build, Outline
 from fdjax.target.read import read as read_target
-from fdjax.view.painter import Painter
+from fdjax.view import DRAW
 
 
 @dataclass(frozen=True)
@@ -146,9 +147,10 @@ class Answer:
             ]
         )
 
-    def picture(self, path: Path, painter: Painter) -> None:
+    def picture(self, path: Path, beside: Beside) -> None:
         """Have the figure of asked, got and difference drawn."""
-        painter.draw(
+        beside.ask(
+            DRAW,
             path,
             "porosity_figure",
             self.measurement.x,

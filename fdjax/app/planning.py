@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fdjax.app.config import Job
+from fdjax.beside import Beside
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
@@ -41,16 +42,26 @@ STEP = {"gcode": 1e-3, "sml": MICROSTEP}
 
 
 def designed(
-    job: Job, part: Part, target: Target, machine: Machine, progress: Callable[[str], None]
+    job: Job,
+    part: Part,
+    target: Target,
+    machine: Machine,
+    progress: Callable[[str], None],
+    beside: Beside | None = None,
 ) -> tuple[Job, Design, Build, list[str]]:
     """The job with the pattern that was kept, its design and plan, and in words what was tried."""
     if isinstance(job.pattern, Auto):
-        return _best(job, job.pattern, part, target, machine, progress)
-    return job, *_designed(job, part, target, machine, progress), []
+        return _best(job, job.pattern, part, target, machine, progress, beside)
+    return job, *_designed(job, part, target, machine, progress, beside), []
 
 
 def _designed(
-    job: Job, part: Part, target: Target, machine: Machine, progress: Callable[[str], None]
+    job: Job,
+    part: Part,
+    target: Target,
+    machine: Machine,
+    progress: Callable[[str], None],
+    beside: Beside | None,
 ) -> tuple[Design, Build]:
     def show(step: Progress) -> None:
         progress(f"step {step.step:3d}   RMS error {step.error:.5f}   {step.seconds:5.1f} s")
@@ -68,7 +79,7 @@ def _designed(
         progress=show,
     )
     progress("planning roads")
-    return _planned(job, result, machine, target, show)
+    return _planned(job, result, machine, target, show, beside)
 
 
 def _best(
@@ -78,6 +89,7 @@ def _best(
     target: Target,
     machine: Machine,
     progress: Callable[[str], None],
+    beside: Beside | None,
 ) -> tuple[Job, Design, Build, list[str]]:
     """The pattern whose plan is best, of all that suit the part, and in words what was tried."""
     found: list[tuple[tuple[int, float], str, Job, Design, Build]] = []
@@ -86,7 +98,7 @@ def _best(
         progress(f"trying {name}")
         own = replace(job, pattern=settings)
         try:
-            result, plan = _designed(own, part, target, machine, progress)
+            result, plan = _designed(own, part, target, machine, progress, beside)
         except InputError as fault:
             tried.append(f"tried {name}: {fault}")
             continue
@@ -107,19 +119,24 @@ def _best(
 
 
 def _planned(
-    job: Job, result: Design, machine: Machine, target: Target, show: Callable[[Progress], None]
+    job: Job,
+    result: Design,
+    machine: Machine,
+    target: Target,
+    show: Callable[[Progress], None],
+    beside: Beside | None,
 ) -> tuple[Design, Build]:
     """The design and its plan, corrected and counted anew where that makes the plan better."""
-    made = [_tried(job, result, machine, target)]
+    made = [_tried(job, result, machine, target, beside)]
     for _ in range(job.pattern.corrections):
         places = made[-1].plan.deposits(job.target.window / 4)
         result = made[-1].design.corrected(*places, progress=show)
-        made.append(_tried(job, result, machine, target))
+        made.append(_tried(job, result, machine, target, beside))
     best = _soundest(job, made, machine, target) if len(made) > 1 else made[0]
     recounted = best.design.recounted(best.laid)
     if recounted is best.design:
         return best.design, best.plan
-    return recounted, plan_of(job, recounted, machine, target)
+    return recounted, plan_of(job, recounted, machine, target, beside)
 
 
 class _Tried(NamedTuple):
@@ -131,8 +148,10 @@ class _Tried(NamedTuple):
     plan: Build
 
 
-def _tried(job: Job, result: Design, machine: Machine, target: Target) -> _Tried:
-    square = _laid(job, result, machine)
+def _tried(
+    job: Job, result: Design, machine: Machine, target: Target, beside: Beside | None
+) -> _Tried:
+    square = _laid(job, result, machine, beside)
     return _Tried(result, square.volume, _cut(job, square, result, machine, target))
 
 
@@ -177,15 +196,17 @@ def checked(job: Job, build: Build, machine: Machine) -> tuple[Finding, ...]:
     return check(build, machine.limits, both_families=job.pattern.mode.startswith("both"))
 
 
-def plan_of(job: Job, result: Design, machine: Machine, target: Target) -> Build:
+def plan_of(
+    job: Job, result: Design, machine: Machine, target: Target, beside: Beside | None = None
+) -> Build:
     """The roads of a design as this machine's format can hold them, their corners cut if asked for.
 
     Lines that are not designed are laid as they are.
     """
-    return _cut(job, _laid(job, result, machine), result, machine, target)
+    return _cut(job, _laid(job, result, machine, beside), result, machine, target)
 
 
-def _laid(job: Job, result: Design, machine: Machine) -> Build:
+def _laid(job: Job, result: Design, machine: Machine, beside: Beside | None) -> Build:
     moved = TOLERANCE + STEP[machine.format]
     return lay(
         result.strokes(),
@@ -196,6 +217,7 @@ def _laid(job: Job, result: Design, machine: Machine) -> Build:
         tolerance=TOLERANCE,
         clearance=moved,
         name=job.name,
+        beside=beside,
     )
 
 

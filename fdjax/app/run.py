@@ -9,6 +9,7 @@ from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.planning import SHIFTS, checked, designed, least_road, plan_of, trimmed_to
 from fdjax.app.report import Written, faults_of, report_of, table_of
+from fdjax.beside import Beside
 from fdjax.errors import DesignError, InputError
 from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
@@ -20,7 +21,7 @@ from fdjax.plan.materials import assigned
 from fdjax.plan.measure import measure, solid_shares
 from fdjax.plan.toolpath import Build
 from fdjax.target.target import Target
-from fdjax.view.painter import Painter
+from fdjax.view import DRAW
 
 
 def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
@@ -46,15 +47,15 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
         raise InputError(f'{narrow[0]}{more}; with narrow = "skip" such places stay empty')
 
-    with Painter() as painter:
-        job, result, plan, tried = designed(job, part, target, main, progress)
+    with Beside("fdjax.plan.trace", "fdjax.view.figures") as beside:
+        job, result, plan, tried = designed(job, part, target, main, progress, beside)
         if job.design.laplacians:
-            _laplacians(job, folder, result, painter)
+            _laplacians(job, folder, result, beside)
         plans = {main: plan}
         written: list[Written] = []
         for kind, machine in machines.items():
             if machine not in plans:
-                plans[machine] = plan_of(job, result, machine, target)
+                plans[machine] = plan_of(job, result, machine, target, beside)
             plan = plans[machine].replace(
                 origin=setting.origin_on(machine, part), notes={"target": target.text}
             )
@@ -66,7 +67,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             plan = _of_materials(job, part, plan, machine)
             plan = trimmed_to(job, result, plan, machine)
             build = module(path).fit(plan, machine)
-            each = _written(job, path, build, machine, target, None if written else painter)
+            each = _written(job, path, build, machine, target, None if written else beside)
             if outlines:
                 shares = solid_shares(each.build, outlines)
                 each = replace(each, subdomains=tuple(shares.tolist()))
@@ -104,21 +105,22 @@ def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
 
 
 def _written(
-    job: Job, path: Path, build: Build, machine: Machine, target: Target, painter: Painter | None
+    job: Job, path: Path, build: Build, machine: Machine, target: Target, beside: Beside | None
 ) -> Written:
-    """Write the file, read it back and measure what was read; a painter draws it meanwhile."""
+    """Write the file, read it back and measure what was read; it is drawn beside."""
     outline = build.layers[-1].outline
     top = build.layers[-2:]
-    if painter is not None and any(layer.roads for layer in top):
+    if beside is not None and any(layer.roads for layer in top):
         place = path.with_name("roads.png")
-        painter.draw(place, "roads_figure", top, outline=outline, title=path.name)
+        beside.ask(DRAW, place, "roads_figure", top, outline=outline, title=path.name)
     path.write_text(module(path).write(build, machine), encoding="utf-8")
     read = read_file(path, machine=machine)
     window = job.target.window
     measurement, shifted = (measure(read, window=window, shift=shift) for shift in SHIFTS)
     comparison = compare(measurement, target)
-    if painter is not None:
-        painter.draw(
+    if beside is not None:
+        beside.ask(
+            DRAW,
             path.with_name("porosity.png"),
             "porosity_figure",
             measurement.x,
@@ -144,10 +146,10 @@ def _written(
     )
 
 
-def _laplacians(job: Job, folder: Path, result: Design, painter: Painter) -> None:
+def _laplacians(job: Job, folder: Path, result: Design, beside: Beside) -> None:
     """P and Q of eq. (5), drawn beside the files."""
     panels = result.pattern.pictures(result.controls).get("laplacians")
     if panels is not None:
         outline = result.part.slabs[-1].region.geometry
         options = {"outline": outline, "title": job.name, "unit": "1/mm²"}
-        painter.draw(folder / "laplacians.png", "functions_figure", panels, **options)
+        beside.ask(DRAW, folder / "laplacians.png", "functions_figure", panels, **options)

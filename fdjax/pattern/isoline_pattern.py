@@ -173,11 +173,13 @@ def _run(
     each on a share of the layers.
     """
     lines, turns = jnp.zeros(()), jnp.zeros(())
-    own = width if width.size == 1 else jnp.broadcast_to(width, ax.shape)
-    own = own.ravel() if width.size == 1 else room.at_walls(own)
+    along_x, along_y = room.along[:, 0], room.along[:, 1]
+    one = width.size == 1
+    own = width.ravel() if one else room.at_walls(jnp.broadcast_to(width, ax.shape))
     for share, x, y in zip(shares, (ax, bx), (ay, by), strict=True):
         lines = lines + share * density_of(x, y)
-        turns = turns + share * _turned(room.at_walls(x), room.at_walls(y), *room.along.T, own)
+        ends = room.at_walls(x), room.at_walls(y)
+        turns = turns + share * _turned(*ends, along_x, along_y, own)
     return room.add_at_walls(lines * room.area_at(width / 2), turns)
 
 

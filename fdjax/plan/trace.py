@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fdjax.beside import Beside
 from fdjax.errors import InputError
 from fdjax.part.part import Part, Slab
+from fdjax.part.region import Region
 from fdjax.plan.drawing import lay_drawing
 from fdjax.plan.laid import Laid
 from fdjax.plan.lines import lay_lines
@@ -45,6 +47,7 @@ def lay(
     least_spacing: float | None = None,
     longest_join: float | None = None,
     least_road: float = 0.0,
+    beside: Beside | None = None,
 ) -> Build:
     """The build that lays these strokes, a sequence for each layer of the part, from the bed up.
 
@@ -54,41 +57,58 @@ def lay(
     are not laid (see `lay_lines`); what that leaves out is `thinned` of each layer. Points within
     `tolerance` (mm) of a straight road are dropped. Beads keep `clearance` (mm) more from all
     walls, for what dropping points and rounding to the machine's steps may take away again. Layers
-    that repeat the same strokes (the same objects) over the same region are laid alike.
+    that repeat the same strokes (the same objects) over the same region are laid alike. Half of the
+    layers are laid by a process `beside`, where there is one.
 
     Raises `InputError` for a region with no room for a road, strokes of a kind that is not known,
     and layers that are not as many as the part's.
     """
-    rooms: dict[int, Room] = {}
-    laid: dict[tuple[int, ...], Laid] = {}
-    result: list[Layer] = []
-    # An identity is sure while its object lives.
-    alive: list[Sequence[Any]] = []
-    given = iter(layers)
-    for number, slab in enumerate(part.slabs, 1):
-        strokes = next(given, None)
+    given: list[tuple[Slab, Sequence[Any]]] = []
+    rest = iter(layers)
+    for number, slab in enumerate(part.slabs):
+        strokes = next(rest, None)
         if strokes is None:
-            raise InputError(f"strokes for {number - 1} layers; the part has {len(part.slabs)}")
-        alive.append(strokes)
-        region = slab.region
-        key = (id(region), *map(id, strokes))
-        if key not in laid:
-            if id(region) not in rooms:
-                rooms[id(region)] = Room.of(region, clearance=clearance, tolerance=tolerance / 2)
-            laid[key] = _laid(
-                strokes,
-                rooms[id(region)],
-                lift_length=lift_length,
-                longest_join=longest_join,
-                least_spacing=least_spacing,
-                least_road=least_road,
-                tolerance=tolerance,
-            )
+            raise InputError(f"strokes for {number} layers; the part has {len(part.slabs)}")
+        given.append((slab, strokes))
+    if next(rest, None) is not None:
+        raise InputError(f"strokes for more layers than the part's {len(part.slabs)}")
+    keys = [(id(slab.region), *map(id, strokes)) for slab, strokes in given]
+    different = {
+        key: (slab.region, strokes) for key, (slab, strokes) in zip(keys, given, strict=True)
+    }
+    options = {
+        "lift_length": lift_length,
+        "longest_join": longest_join,
+        "least_spacing": least_spacing,
+        "least_road": least_road,
+        "tolerance": tolerance,
+    }
+    work = list(different.values())
+    if beside is not None and beside.shares:
+        half = len(work) // 2
+        others = beside.ask(f"{__name__}:lay_over", work[:half], clearance, options)
+        done = lay_over(work[half:], clearance, options)
+        done = [*others(), *done]
+    else:
+        done = lay_over(work, clearance, options)
+    laid = dict(zip(different, done, strict=True))
+    result = []
+    for key, (slab, strokes) in zip(keys, given, strict=True):
         filled = tuple(each.subdomain for each in strokes if isinstance(each, Paths))
         result.append(_layer(slab, laid[key], filled))
-    if next(given, None) is not None:
-        raise InputError(f"strokes for more layers than the part's {len(part.slabs)}")
     return Build(tuple(result), name)
+
+
+def lay_over(
+    layers: Sequence[tuple[Region, Sequence[Any]]], clearance: float, options: dict[str, Any]
+) -> list[Laid]:
+    """Each layer's strokes laid over its region; `options` as of every kind's function."""
+    tolerance = options["tolerance"] / 2
+    rooms = {
+        region: Room.of(region, clearance=clearance, tolerance=tolerance)
+        for region in dict.fromkeys(region for region, _ in layers)
+    }
+    return [_laid(strokes, rooms[region], **options) for region, strokes in layers]
 
 
 def _laid(strokes: Sequence[Any], room: Room, **options: Any) -> Laid:

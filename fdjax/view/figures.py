@@ -5,6 +5,7 @@ Matplotlib's object interface only: nothing global is touched and no window is e
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -252,6 +253,11 @@ def porosity_figure(
     beyond = bool(tolerance) and abs(largest) > half
     sheet.colour_bar(figure, own, meshes[2], signed=True, extend="both" if beyond else "neither")
     return figure
+
+
+def draw(path: str | Path, kind: str, *arguments: Any, **options: Any) -> None:
+    """Save the figure that the function `kind` of this module makes of the rest; see `save`."""
+    save(globals()[kind](*arguments, **options), path)
 
 
 def save(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
