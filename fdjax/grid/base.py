@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from fdjax.arrays import namespace
 from fdjax.part.curve import Curve
 from fdjax.part.patch import Patch
 
@@ -106,4 +107,4 @@ def tangents(
 
 def norm(vector: Float[Array, "... 2"]) -> Float[Array, "..."]:
     """Euclidean length over the last axis."""
-    return jnp.sqrt((vector**2).sum(-1))
+    return namespace(vector).sqrt((vector**2).sum(-1))

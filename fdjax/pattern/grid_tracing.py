@@ -3,6 +3,7 @@
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -29,7 +30,8 @@ def traced(
     grid: AbstractGridMap, width: AbstractWidth, edge: Margins, combs: tuple[Array, Array]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Of both families, points of the lines from wall to wall, and their widths."""
-    run = jnp.linspace(0, 1, len(edge.left))
+    combs, edge = jax.device_get((combs, edge))
+    run = np.linspace(0, 1, len(edge.left))
     of_xi = combs[0][:, None] + edge.shift_xi(combs[0])
     of_eta = combs[1][:, None] + edge.shift_eta(combs[1]).T
     xy, widths = along(

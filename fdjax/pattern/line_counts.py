@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
@@ -95,8 +96,8 @@ def begin(
     the longest span leave room for. Raises `InputError` when no count and width of
     the machine can give a porosity that the target asks for.
     """
-    xy, along = _lattice(sides)
-    xy, jacobian = np.asarray(xy), np.asarray(along.jacobian)
+    xy, along = jax.device_get(_lattice(sides))
+    jacobian = along.jacobian
     solid = 1 - np.asarray(target(xy[..., 0], xy[..., 1]))
     shares = tuple(stacking.layer_share(family) for family in FAMILIES)
     length = np.asarray(norm(along.eta)), np.asarray(norm(along.xi))

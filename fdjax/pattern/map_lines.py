@@ -7,7 +7,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from fdjax.errors import InputError
@@ -260,7 +259,7 @@ class MapLines(AbstractSettings):
             stretching=self.stretching,
             strength=self.strengths,
             alpha=self.alpha,
-            skew_limit=jnp.full([len(each.places) for each in samples], 0.9, jnp.float64),
+            skew_limit=jax.device_put(np.full([len(each.places) for each in samples], 0.9)),
             counts_fixed=self.lines is not None,
             kind=self.map,
             stacking=stacking,
@@ -272,8 +271,8 @@ class MapLines(AbstractSettings):
         )
         pattern = solved_once(pattern)
         # No more skewed than the grid that the outline itself gives.
-        skew = jnp.maximum(pattern.skew_limit, 1.02 * _skew(pattern))
-        return eqx.tree_at(lambda p: p.skew_limit, pattern, skew)
+        skew = np.maximum(pattern.skew_limit, 1.02 * np.asarray(_skew(pattern)))
+        return eqx.tree_at(lambda p: p.skew_limit, pattern, jax.device_put(skew))
 
     def _apart(
         self,
@@ -300,27 +299,28 @@ class MapLines(AbstractSettings):
             knots = int(np.ceil(max(domain.lengths) / (0.75 * window))) + 3
             most = max(8, min(self.nodes) // 2) if self.map == "elliptic" else 32
             knots = int(np.clip(knots, 8, most))
-        along_xi, along_eta = (jnp.asarray(fit_log_density(d, knots)) for d in start.density)
+        along = [fit_log_density(d, knots) for d in start.density]
         width = free_of(start.width, *limits.road_width)
-        widths = {"width": jnp.asarray(width), "width_field": jnp.full(self.field_knots, width)}
+        widths = {"width": np.asarray(width), "width_field": np.full(self.field_knots, width)}
         wanted = {name: widths[name] for name in controls if name in widths}
         on_axes = self.map in ALONG_AXES
         on_sides = "spacing" in controls and not on_axes
         in_field = "spacing_field" in controls or ("spacing" in controls and on_axes)
-        first = Controls(
-            spacing=jnp.stack([along_xi, along_eta] * 2) if on_sides else None,
-            crowding=self._crowding(start, domain, window) if in_field else None,
-            stretching=self._free_stretching() if "stretching" in controls else None,
-            phi=jnp.zeros(self.field_knots) if "phi" in controls else None,
-            psi=jnp.zeros(self.field_knots) if "psi" in controls else None,
-            width=next(iter(wanted.values()), None),
-        )
+        first: dict[str, Any] = {
+            "spacing": np.stack(along * 2) if on_sides else None,
+            "crowding": self._crowding(start, domain, window) if in_field else None,
+            "stretching": self._free_stretching() if "stretching" in controls else None,
+            "phi": np.zeros(self.field_knots) if "phi" in controls else None,
+            "psi": np.zeros(self.field_knots) if "psi" in controls else None,
+            "width": next(iter(wanted.values()), None),
+        }
         # Of one type from the start, so that what an optimiser returns does not compile anew.
-        return jax.tree.map(lambda values: jnp.asarray(values, jnp.float64), first)
+        own = jax.tree.map(lambda values: np.asarray(values, float), Controls(**first))
+        return jax.device_put(own)
 
     def _free_stretching(self) -> Any:
         each = zip(self.stretching, self.strengths, strict=True)
-        return jnp.asarray([STRETCHINGS[name].free(strength) for name, strength in each])
+        return np.asarray([STRETCHINGS[name].free(strength) for name, strength in each])
 
     def _crowding(self, start: Start, domain: Domain, window: float) -> tuple[Any, Any]:
         """Log densities of both families: along their own axis, and, as a field, across it."""
@@ -332,7 +332,7 @@ class MapLines(AbstractSettings):
                 start.density[k], self.knots or int(np.clip(wanted, 8, most)), closed=closed
             )
             rows = rows if "spacing_field" in self.controls else 1
-            found.append(jnp.asarray(np.tile(own - own.mean(), (rows, 1))))
+            found.append(np.tile(own - own.mean(), (rows, 1)))
         return found[0], found[1]
 
 
