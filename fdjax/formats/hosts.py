@@ -9,10 +9,15 @@ import math
 from contextlib import suppress
 from importlib import metadata
 
+import numpy as np
+
 from fdjax.errors import InputError
+from fdjax.formats.gcode_bulk import advance, paid, takes_many
+from fdjax.formats.gcode_scan import Block, Floats, Ints, block_of
+from fdjax.formats.motion_many import ManyMotions
 from fdjax.formats.profile import Machine
 from fdjax.gcode.firmware import firmware_of
-from fdjax.gcode.motion import MotionTime
+from fdjax.gcode.record import SLOWEST
 from fdjax.gcode.state import GcodeState
 from fdjax.gcode.words import code_of
 from fdjax.plan.toolpath import Build
@@ -39,22 +44,9 @@ def summary(lines: list[str], build: Build, machine: Machine) -> list[str]:
     extrusion, stream = machine.gcode.extrusion, machine.stream
     area = math.pi / 4 * extrusion.filament**2
     state = GcodeState(firmware_of(stream.firmware), filament_area=area, flow=extrusion.flow)
-    time = MotionTime(stream.acceleration, stream.corner_speed)
-    laid = owed = 0.0
-    for line in lines:
-        move = state.plain(line)
-        code = "" if move is not None or line.startswith(";") else code_of(line)
-        moves = () if move is None else (move,)
-        if code and not code.startswith("G28"):
-            with suppress(InputError):  # what a profile's own code may hold
-                moves = state.run(code)
-        for each in moves:
-            time.add(each)
-            owed -= each.volume
-            if owed < 0:
-                laid, owed = laid - owed, 0.0
-    time.flush()
-    seconds = round(time.seconds)
+    work = _Work(state, ManyMotions(stream.acceleration, stream.corner_speed))
+    work.take("\n".join([*lines, ""]).encode())
+    seconds, laid = round(work.time.seconds), work.laid
     clock = f"{seconds // 3600}h {seconds // 60 % 60}m {seconds % 60}s"
     heights = [f"; layer_height = {build.layers[0].height:g}"] if build.layers else []
     return [
@@ -65,3 +57,55 @@ def summary(lines: list[str], build: Build, machine: Machine) -> list[str]:
         *(line.replace("layer", "first_layer") for line in heights),
         f"; total layers count = {len(build.layers)}",
     ]
+
+
+class _Work:
+    """What the lines of a file do: the time they take, and what they lay, mm^3.
+
+    Plain motions are taken many at a time, all else line by line.
+    """
+
+    def __init__(self, state: GcodeState, time: ManyMotions) -> None:
+        self.time, self.laid = time, 0.0
+        self._state, self._owed = state, 0.0
+
+    def take(self, text: bytes) -> None:
+        """Take a whole file."""
+        block = block_of(text, 1)
+        plain, done = np.flatnonzero(block.plain | block.resets), 0
+        for index in np.flatnonzero(block.others).tolist():
+            reached = int(np.searchsorted(plain, index))
+            self._take_many(block, plain[done:reached])
+            done = reached
+            self._take_one(block.text(index))
+        self._take_many(block, plain[done:])
+        self.time.finish()
+
+    def _take_one(self, line: str) -> None:
+        code = code_of(line)
+        if not code or code.startswith("G28"):
+            return
+        with suppress(InputError):  # what a profile's own code may hold
+            for move in self._state.run(code):
+                self.time.add(move)
+                self._pay(np.array([move.volume]))
+
+    def _take_many(self, block: Block, chosen: Ints) -> None:
+        if not len(chosen):
+            return
+        state = self._state
+        if not takes_many(state):
+            for index in chosen.tolist():
+                self._take_one(block.text(index))
+            return
+        motions = advance(state, block, chosen)
+        pace = np.maximum(motions.speed * state.speed_factor, SLOWEST)
+        moved = motions.moved | (motions.start[2] != motions.end[2])
+        # Filament alone takes as long as F says.
+        waits = np.where(moved | (motions.volume == 0), 0.0, np.abs(motions.pushed) / pace)
+        self.time.add_many(motions, pace, waits, slice(None))
+        self._pay(motions.volume)
+
+    def _pay(self, volume: Floats) -> None:
+        laid, self._owed = paid(volume, self._owed)
+        self.laid += float(laid.sum())

@@ -4,9 +4,9 @@ import numpy as np
 
 from fdjax.formats.gcode_bulk import Motions, advance, paid, takes_many
 from fdjax.formats.gcode_scan import Block, Floats, Ints, block_of
+from fdjax.formats.motion_many import ManyMotions
 from fdjax.gcode.record import SLOWEST
 from fdjax.gcode.state import GcodeState
-from fdjax.machine.motion_many import ManyMotions
 from fdjax.machine.program import Program
 from fdjax.machine.pushes import limits
 from fdjax.machine.surveyed import Survey

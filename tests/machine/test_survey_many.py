@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from fdjax.formats import profile
+from fdjax.formats import motion_many, profile
+from fdjax.formats.motion_many import ManyMotions
 from fdjax.gcode.motion import MotionTime
-from fdjax.machine import motion_many, survey_many
 from fdjax.machine import program as programs
 from fdjax.machine import survey as surveys
-from fdjax.machine.motion_many import ManyMotions
+from fdjax.machine import survey_many
 from fdjax.machine.program import Program
 from fdjax.moves import Move
 
