@@ -49,13 +49,15 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
 
     with Beside("fdjax.plan.trace", "fdjax.view.figures") as beside:
         job, result, plan, tried = designed(job, part, target, main, progress, beside)
-        if job.design.laplacians:
-            _laplacians(job, folder, result, beside)
         plans = {main: plan}
-        written: list[Written] = []
-        for kind, machine in machines.items():
+        # All before any picture: the process beside does one after the other.
+        for machine in machines.values():
             if machine not in plans:
                 plans[machine] = plan_of(job, result, machine, target, beside)
+        if job.design.laplacians:
+            _laplacians(job, folder, result, beside)
+        written: list[Written] = []
+        for kind, machine in machines.items():
             plan = plans[machine].replace(
                 origin=setting.origin_on(machine, part), notes={"target": target.text}
             )
