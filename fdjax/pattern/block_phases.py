@@ -107,4 +107,4 @@ def _uneven(pair: Beside, turns: dict[int, Turn], counts: Sequence[int], phases:
         first[laid % phases] = line
         reach.append(first)
     gap = (reach[0] + reach[1] + 1) / phases
-    return pair.length * float(((gap - 1) ** 2).mean())
+    return pair.length * float(((1 / gap - 1) ** 2).mean())
