@@ -4,9 +4,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
+from fdjax.app import setting
 from fdjax.app.config import Job
+from fdjax.app.writing import (
+    FAINT,
+    STEP,
+    TOLERANCE,
+    fitted,
+    least_road,
+    read_back,
+)
 from fdjax.beside import Beside
 from fdjax.errors import InputError
 from fdjax.formats.profile import Machine
@@ -21,24 +28,11 @@ from fdjax.plan.compare import compare
 from fdjax.plan.corners import cut_corners
 from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build
-from fdjax.plan.trace import lay, trim, trim_subdomains
+from fdjax.plan.trace import lay
 from fdjax.target.target import Target
-from fdjax.units import MICROSTEP
 
 SHIFTS = (0.0, 0.0), (0.5, 0.5)
 """Windows are looked at where they are, and shifted by half."""
-
-FAINT = 0.01
-"""Largest share by which sections change where the road width is given."""
-
-UNEVEN = 0.05
-"""Largest share by which the sections of a sub-domain change, for the roads that are too short."""
-
-TOLERANCE = 4e-3
-"""Points so near a straight road are dropped, mm: a hundredth of a road's width."""
-
-STEP = {"gcode": 1e-3, "sml": MICROSTEP}
-"""Of a format's coordinates, mm: what rounding may move a road."""
 
 
 def designed(
@@ -91,23 +85,27 @@ def _best(
     progress: Callable[[str], None],
     beside: Beside | None,
 ) -> tuple[Job, Design, Build, list[str]]:
-    """The pattern whose plan is best, of all that suit the part, and in words what was tried."""
+    """Of all patterns that suit the part that whose first file is best, as it is read back, and in
+    words what was tried.
+    """
     found: list[tuple[tuple[int, float], str, Job, Design, Build]] = []
     tried = []
+    kind = next((kind for kind in job.files if kind != "ssl"), machine.format)
+    writer = setting.machine_of(job, kind)
     for name, settings in auto.candidates(part):
         progress(f"trying {name}")
         own = replace(job, pattern=settings)
         try:
             result, plan = _designed(own, part, target, machine, progress, beside)
+            laid = plan if writer == machine else plan_of(own, result, writer, target, beside)
+            build = fitted(own, part, result, laid, writer, target)
+            seen = _missed(own, read_back(build, writer), target)
         except InputError as fault:
             tried.append(f"tried {name}: {fault}")
             continue
-        # As it would be written, but for the file's steps.
-        trimmed = trimmed_to(own, result, plan, machine)
-        seen = _missed(own, trimmed, target)
-        errors = _errors(own, trimmed, machine) + (not result.made)
+        errors = _errors(own, build, writer) + (not result.made)
         tried.append(
-            f"tried {name}: RMS {seen.rms:.4f}, shifted {seen.shifted:.4f} on its roads"
+            f"tried {name}: RMS {seen.rms:.4f}, shifted {seen.shifted:.4f} in its file"
             + (f", {errors} kinds of errors" if errors else "")
         )
         found.append(((errors, seen.misses), name, own, result, plan))
@@ -234,31 +232,3 @@ def _cut(job: Job, plan: Build, result: Design, machine: Machine, target: Target
         least=least,
         least_road=least_road(machine),
     )
-
-
-def least_road(machine: Machine) -> float:
-    """Shortest road, mm, that is planned: rounding to the file's steps may take a little off."""
-    least = machine.limits.least_road
-    return least + TOLERANCE + STEP[machine.format] if least else 0.0
-
-
-def trimmed_to(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
-    """The plan with the volume that is asked, by the sections of its roads: as much as that takes
-    where their width is free, else only up to `FAINT` and where the machine lays it.
-    """
-    if not plan.volume > 0:
-        return plan
-    divided = bool(plan.layers[0].subdomains)
-    asked = result.pattern.facts(result.controls)["subdomains"] if divided else ()
-    if asked and all(each["by_target"] for each in asked):
-        height = result.part.height
-        volumes = [each["solid_asked"] * each["area"] * height for each in asked]
-        trimmed, faint = trim_subdomains(plan, volumes, most=UNEVEN), True
-    else:
-        trimmed = trim(plan, result.volume)
-        faint = abs(result.volume / plan.volume - 1) < FAINT
-    if job.pattern.width_is_free:
-        return trimmed
-    low, high = machine.limits.road_width
-    widths = np.concatenate([road.width for layer in trimmed.layers for road in layer.roads])
-    return trimmed if faint and low <= widths.min() and widths.max() <= high else plan

@@ -7,17 +7,16 @@ from pathlib import Path
 
 from fdjax.app import setting
 from fdjax.app.config import Job
-from fdjax.app.planning import SHIFTS, checked, designed, least_road, plan_of, trimmed_to
+from fdjax.app.planning import SHIFTS, checked, designed, plan_of
 from fdjax.app.report import Written, faults_of, report_of, table_of
+from fdjax.app.writing import fitted, placed
 from fdjax.beside import Beside
 from fdjax.errors import DesignError, InputError
 from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
-from fdjax.part.part import Part
 from fdjax.plan.compare import compare
 from fdjax.plan.coverage import coverage
-from fdjax.plan.materials import assigned
 from fdjax.plan.measure import measure, solid_shares
 from fdjax.plan.toolpath import Build
 from fdjax.target.target import Target
@@ -58,17 +57,14 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             _laplacians(job, folder, result, beside)
         written: list[Written] = []
         for kind, machine in machines.items():
-            plan = plans[machine].replace(
-                origin=setting.origin_on(machine, part), notes={"target": target.text}
-            )
+            plan = plans[machine]
             path = folder / f"{job.name}.{kind}"
             if kind == "ssl":
+                plan = placed(plan, part, machine, target)
                 path.write_text(module(path).write(plan, machine), encoding="utf-8")
                 continue
             outlines = [some.outline for some in plan.layers[0].subdomains]
-            plan = _of_materials(job, part, plan, machine)
-            plan = trimmed_to(job, result, plan, machine)
-            build = module(path).fit(plan, machine)
+            build = fitted(job, part, result, plan, machine, target)
             each = _written(job, path, build, machine, target, None if written else beside)
             if outlines:
                 shares = solid_shares(each.build, outlines)
@@ -90,19 +86,6 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         raise DesignError("; ".join(what for _, what in faults))
     return table_of(
         job, result, written, [*notes, *report["design"]["pattern"].get("warnings", ())]
-    )
-
-
-def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
-    """The plan with each road of its material."""
-    if not job.materials.given:
-        return plan
-    return assigned(
-        plan,
-        job.materials.rule(part),
-        job.materials.tools,
-        split=job.materials.split,
-        least_road=least_road(machine),
     )
 
 

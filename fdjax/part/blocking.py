@@ -1,19 +1,25 @@
 """Blocks of a region, found by themselves: right-angled outlines, rings, discs and their like."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import shapely
-from shapely import LineString, Point, Polygon, affinity
+from shapely import LinearRing, LineString, Point, Polygon, affinity
 
 from fdjax.errors import InputError
 from fdjax.part.blocks import MEET, MOST, Blocks
 from fdjax.part.corners import four_sides
-from fdjax.part.curve import Floats
+from fdjax.part.curve import Curve, Floats, polyline
 from fdjax.part.ring import at
 
-INNER = 0.45
-"""Size of the patch in the middle of an outline without corners, as a share of the outline."""
+DEEP = 0.55
+"""Depth of the blocks round the patch in the middle of an outline without corners, as a share of
+the radius of the largest circle in it; less, by halves, where the outline has a neck."""
+
+BULGE = 0.5, 0.25, 0.75, 1.0
+"""How far the sides of that patch go from the straight line to the outline's inner parallel: at
+half the way the three angles at its corners in a disc are about alike."""
 
 THIN = 4.0
 """So many road widths a block is wide at least."""
@@ -33,19 +39,23 @@ def blocks_of(region: Polygon, road_width: float) -> Blocks:
     Raises `InputError` where that gives no blocks.
     """
     squared = _squared(region)
+    if squared is None and not region.interiors:
+        return _inside(region)
     if squared is not None:
         quads = _cells(region, *squared, THIN * road_width)
     elif len(region.interiors) == 1:
         quads = _around(region, _corners(region))
-    elif region.interiors:
+    else:
         raise InputError(
             f"part: {len(region.interiors)} holes in an outline that has no right angles only: "
             f"no blocks are found by themselves; {ELSE}"
         )
-    else:
-        quads = _inside(region)
+    return _made(region, quads)
+
+
+def _made(region: Polygon, quads: Any, curves: Sequence[Curve] = ()) -> Blocks:
     try:
-        return Blocks.of(region, quads)
+        return Blocks.of(region, quads, curves)
     except InputError as fault:
         raise InputError(
             f"part: the blocks found by themselves do not fit: {fault}; {ELSE}"
@@ -203,25 +213,57 @@ def _hit(hole: Polygon, middle: Floats, towards: Floats) -> Floats:
     return hit
 
 
-def _inside(region: Polygon) -> Floats:
+def _inside(region: Polygon) -> Blocks:
     """Blocks of an outline without holes."""
     ring = region.exterior if region.exterior.is_ccw else region.exterior.reverse()
     vertices = np.asarray(ring.coords)[:-1]
     convex = region.convex_hull.area < region.area * (1 + MEET)
-    middle = shapely.get_coordinates(region.centroid)[0]
     if convex and len(vertices) in (3, 5, 6):
+        middle = shapely.get_coordinates(region.centroid)[0]
         sides = (vertices + np.roll(vertices, -1, axis=0)) / 2
         before = np.roll(sides, 1, axis=0)
-        return np.stack([vertices, sides, np.broadcast_to(middle, sides.shape), before], 1)
-    if not region.contains(Point(middle)):
-        raise InputError(
-            "part: its middle lies outside; no blocks are found by themselves; " + ELSE
-        )
+        around = np.broadcast_to(middle, sides.shape)
+        return _made(region, np.stack([vertices, sides, around, before], 1))
     corners = _corners(region)
     if len(vertices) == 4 and convex:
-        return corners[None]
-    inner = middle + INNER * (corners - middle)
+        return _made(region, corners[None])
+    parallel = _parallel(region)
+    at = [parallel.project(Point(corner)) for corner in corners]
+    inner = shapely.get_coordinates(shapely.line_interpolate_point(parallel, at))
     after = [1, 2, 3, 0]
-    return np.concatenate(
-        [inner[None], np.stack([corners, corners[after], inner[after], inner], 1)]
-    )
+    around = np.stack([corners, corners[after], inner[after], inner], 1)
+    quads = np.concatenate([inner[None], around])
+    sides = [_between(parallel, begin, end) for begin, end in zip(at, np.roll(at, -1), strict=True)]
+    fault = None
+    for bulge in BULGE:
+        # Where the outline bends much the straight line between two corners leaves it.
+        share = np.linspace(0, 1, len(sides[0]))[:, None]
+        curves = [
+            polyline(bulge * side + (1 - bulge) * (side[0] + share * (side[-1] - side[0])))
+            for side in sides
+        ]
+        try:
+            return _made(region, quads, curves)
+        except InputError as other:
+            fault = fault or other
+    assert fault is not None
+    raise fault
+
+
+def _parallel(region: Polygon) -> LinearRing:
+    """An inner parallel of an outline, counter-clockwise."""
+    depth = DEEP * shapely.maximum_inscribed_circle(region).length
+    while True:
+        inner: Any = region.buffer(-depth)
+        if isinstance(inner, Polygon):
+            return inner.exterior if inner.exterior.is_ccw else inner.exterior.reverse()
+        depth /= 2
+
+
+def _between(ring: LinearRing, begin: float, end: float) -> Floats:
+    """Points of a ring, evenly, from one way along it onwards to another."""
+    way = np.linspace(begin, end if end > begin else end + ring.length, _POINTS) % ring.length
+    return shapely.get_coordinates(shapely.line_interpolate_point(ring, way))
+
+
+_POINTS = 33

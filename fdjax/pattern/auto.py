@@ -4,14 +4,19 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array
 from shapely import Point, Polygon
 
 from fdjax.errors import InputError
+from fdjax.grid.algebraic import Transfinite
+from fdjax.grid.base import Sides, tangents
 from fdjax.keys import choices, key
 from fdjax.limits import Limits
 from fdjax.part.annulus import Circle
 from fdjax.part.part import Part
+from fdjax.part.patch import from_polygon
 from fdjax.pattern import settings_of
 from fdjax.pattern.base import (
     AbstractPattern,
@@ -20,20 +25,19 @@ from fdjax.pattern.base import (
     phases_key,
     road_width_key,
 )
+from fdjax.road.porosity import midpoints
 from fdjax.target.target import Target
 
 TRIED = ("isolines", "transfinite", "polar", "o-transfinite", "blocks")
-
-CORNER = np.radians(35)
-"""An outline turns by more than this at a clear corner."""
 
 
 @dataclass(frozen=True)
 class Auto(AbstractSettings):
     """What suits the outline, each designed and laid: the best is kept.
 
-    Isolines always; lines of a map for an outline with four clear corners or with one hole;
-    polar lines for a disc or a ring between circles; blocks where they are found.
+    Isolines always; polar lines for a disc or a ring between circles; lines of a map for an
+    outline with one hole, and for another of which a map with four sides does not fold; blocks
+    where they are found.
     """
 
     tried: tuple[str, ...] = key(
@@ -82,16 +86,24 @@ def _maps(part: Part) -> tuple[str, ...]:
             found.append("polar")
     if holes == 1:
         found.append("o-transfinite")
-    elif outer is None and (part.patch is not None or _clear_corners(polygon) == 4):
+    elif outer is None and not _folds(part, polygon):
         found.append("transfinite")
     return tuple(found)
 
 
-def _clear_corners(polygon: Polygon) -> int:
-    """How many clear corners the outline has; -1 where one of them points inwards."""
-    xy = np.asarray(polygon.exterior.coords)[:-1]
-    step = np.roll(xy, -1, axis=0) - xy
-    heading = np.arctan2(*step.T[::-1])
-    turn = (heading - np.roll(heading, 1) + np.pi) % (2 * np.pi) - np.pi
-    turn = turn if polygon.exterior.is_ccw else -turn
-    return -1 if (turn < -CORNER).any() else int((turn > CORNER).sum())
+def _folds(part: Part, polygon: Polygon) -> bool:
+    """Whether lines of a transfinite map of the part would cross."""
+    try:
+        sides = Sides.of(part.patch or from_polygon(polygon))
+    except InputError:
+        return True
+    return bool((_jacobian(sides) <= 0).any())
+
+
+@eqx.filter_jit
+def _jacobian(sides: Sides) -> Array:
+    places = jnp.asarray(midpoints(_LOOKED))
+    return tangents(Transfinite(sides), places[:, None], places[None])[1].jacobian
+
+
+_LOOKED = 48

@@ -18,10 +18,12 @@ from scipy.optimize import lsq_linear
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from fdjax.errors import InputError
 from fdjax.grid.algebraic import Transfinite
 from fdjax.grid.base import Sides, Tangents, norm, tangents
 from fdjax.limits import Limits
 from fdjax.part.blocks import Blocks
+from fdjax.part.ring import at
 from fdjax.pattern.reach import check_reachable
 from fdjax.road.bead import section_area
 from fdjax.road.porosity import midpoints
@@ -81,9 +83,17 @@ class Demand:
         stacking: Stacking,
         limits: Limits,
     ) -> "Demand":
-        """Raises `InputError` for a target beyond what spacing and span allow."""
+        """Raises `InputError` for a block whose lines cross, and for a target beyond what spacing
+        and span allow.
+        """
         xy, along = _lattice(sides)
-        xy, jacobian = np.asarray(xy), np.maximum(np.asarray(along.jacobian), 1e-12)
+        xy, jacobian = np.asarray(xy), np.asarray(along.jacobian)
+        if not (jacobian > 0).all():
+            worst = np.unravel_index(jacobian.argmin(), jacobian.shape)
+            raise InputError(
+                f"blocks: lines between the sides of a block would cross at {at(xy[worst])}; cut "
+                'it in two with pattern.blocks, or use pattern kind "isolines"'
+            )
         solid = 1 - np.asarray(target(xy[..., 0], xy[..., 1]))
         family = np.stack([blocks.family, 1 - blocks.family], 1)
         shares = np.array([stacking.layer_share(each) for each in FAMILIES])[family]

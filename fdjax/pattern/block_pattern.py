@@ -18,6 +18,7 @@ from fdjax.grid.spacing import DensitySpacing
 from fdjax.limits import Limits
 from fdjax.part.blocks import Band, Blocks, padded
 from fdjax.pattern.base import AbstractPattern, Penalties
+from fdjax.pattern.block_phases import Beside, Turn, besides, turns
 from fdjax.pattern.block_tracing import edges, squeezed, traced
 from fdjax.pattern.width import PlacedWidth
 from fdjax.road.bead import section_area
@@ -110,14 +111,17 @@ def stacked_sides(blocks: Blocks) -> Sides:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """What of the blocks stays as it is: the bands, and where lines end within the part."""
+    """What of the blocks stays as it is: the bands, where lines end within the part, and which
+    bands lie side by side."""
 
     bands: tuple[Band, ...]
     cuts: tuple[Floats, ...]
+    beside: tuple[Beside, ...] = ()
 
     @classmethod
     def of(cls, blocks: Blocks) -> "Structure":
-        return cls(blocks.bands, tuple(blocks.sides[key].polyline() for key in blocks.broken))
+        cuts = tuple(blocks.sides[key].polyline() for key in blocks.broken)
+        return cls(blocks.bands, cuts, besides(blocks))
 
 
 class Realised(NamedTuple):
@@ -315,27 +319,31 @@ class BlockLines(AbstractPattern):
             traced(grid, width, band, comb, squeezed(band, around, walls))
             for band, comb in zip(self.structure.bands, combs, strict=True)
         ]
+        order = turns(combs, self.structure.beside, self.stacking.phases)
         made: dict[Scan, Lines] = {}
         for layer in self.stacking.scans:
             for scan in layer:
                 if scan not in made:
-                    made[scan] = self._lines(scan, lines)
+                    made[scan] = self._lines(scan, lines, order)
             yield [made[scan] for scan in layer]
 
-    def _lines(self, scan: Scan, traced: list[tuple[Floats, Floats]]) -> Lines:
+    def _lines(self, scan: Scan, traced: list[tuple[Floats, Floats]], order: list[Turn]) -> Lines:
         """All bands of one family, on one layer."""
         level, xy, width = [], [], []
         for number, (band, lines) in enumerate(zip(self.structure.bands, traced, strict=True)):
             if FAMILIES[band.family] != scan.family:
                 continue
-            courses, widths = (each[scan.phase :: scan.phases] for each in lines)
+            now = order[number].phases(len(lines[0]), scan.phases) == scan.phase
+            courses, widths = (each[now] for each in lines)
             if band.closed:
                 # Where lines begin moves around from layer to layer.
                 turn = scan.phase * widths.shape[1] // scan.phases
                 courses = np.roll(courses[:, :-1], -turn, axis=1)
                 courses = np.concatenate([courses, courses[:, :1]], 1)
                 widths = np.roll(widths, -turn, axis=1)
-            level += (number * APART + np.arange(len(courses))).tolist()
+            # Turn-arounds alternate from line to line, and along a band from phase to phase.
+            first = int(now.argmax()) - scan.phase
+            level += (number * APART + first % 2 + np.arange(len(courses))).tolist()
             xy += list(courses)
             width += list(widths)
         return Lines(

@@ -1,6 +1,7 @@
 """The fine lines of embedded grids: where they run between lines of the base."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 from fdjax.pattern.embedded import Embedded
 from fdjax.pattern.embedded_joins import CLEAR, Bundles, Run, bundled
 from fdjax.pattern.embedded_net import Axis, Net, Squeeze, Trace
+from fdjax.road.bead import section_area
 from fdjax.road.porosity import Margins
 from fdjax.road.stacking import FAMILIES, Scan
 from fdjax.road.stroke import Lines
@@ -76,6 +78,15 @@ def with_fine(
         xy=[*(base.xy[k] for k in kept), *xy],
         width=[*(base.width[k] for k in kept), *width],
     )
+
+
+def border_joins(embedded: Embedded, width: Any, height: float, shares: Any) -> tuple[Any, Any]:
+    """Where fine lines are joined in the mean: places xy, (n, 2), mm, and volumes, (n,), mm^3.
+
+    - `width`: of the widest road; `height`: of a layer, mm; `shares`: of the layers, of a family.
+    """
+    places, length = embedded.ways(CLEAR * width)
+    return places, shares * section_area(width, height) * length
 
 
 def _runs(divided: NDArray[np.intp], parts: int) -> list[Run]:

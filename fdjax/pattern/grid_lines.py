@@ -1,59 +1,33 @@
 """Grid lines as roads: two families of lines of a map of the unit square."""
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from fdjax.errors import InputError
 from fdjax.grid import bspline
-from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
+from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm
 from fdjax.grid.laplacians import laplacians
 from fdjax.grid.quality import quality
 from fdjax.grid.solvers import AbstractSolver, Newton
 from fdjax.limits import Limits
 from fdjax.pattern.base import AbstractPattern, Panel, Penalties
 from fdjax.pattern.embedded import Embedded
-from fdjax.pattern.embedded_joins import CLEAR
-from fdjax.pattern.embedded_lines import with_fine
-from fdjax.pattern.grid_tracing import along, margins, spiral, traced
+from fdjax.pattern.embedded_lines import border_joins
+from fdjax.pattern.grid_controls import Controls
+from fdjax.pattern.grid_layers import layers, shape_of
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.road import porosity
-from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.holes import Holes
-from fdjax.road.porosity import Lattice, Margins, Samples
-from fdjax.road.stacking import FAMILIES, Scan, Stacking
+from fdjax.road.porosity import Lattice, Samples
+from fdjax.road.stacking import FAMILIES, Stacking
 from fdjax.road.stroke import Lines
-
-
-class Controls(eqx.Module):
-    """The real numbers that shape the lines; None where the pattern's own value stays.
-
-    - `spacing`: log density of lines along bottom, right, top and left, cubic B-splines, shape
-      (4, K).
-    - `stretching`: the free number of the stretching along x and y, see `STRETCHINGS`, shape (2,).
-    - `phi`, `psi`: control functions of the unit square, cubic B-splines, shape (K, L); they add
-      to the pattern's constants.
-    - `width`: road width as the free number of `width.within`, shape () or, as a spline, (K, L).
-    - `crowding`: log density of the xi lines along xi, shape (R, K), at R places along eta, and of
-      the eta lines along eta, (S, L), at S places along xi: cubic B-splines both ways.
-
-    On a closed map splines over eta are periodic.
-    """
-
-    spacing: Float[Array, "4 K"] | None = None
-    stretching: Float[Array, " 2"] | None = None
-    phi: Float[Array, "K L"] | None = None
-    psi: Float[Array, "K L"] | None = None
-    width: Float[Array, "..."] | None = None
-    crowding: tuple[Float[Array, "R K"], Float[Array, "S L"]] | None = None
 
 
 class Realised(NamedTuple):
@@ -92,7 +66,7 @@ class GridLines(AbstractPattern):
     - `apart`: on a disc, where `left` is but a point at which eta lines would meet, every second
       one ends where they come nearer than this, mm; else None.
     - `spiral`: whether a closed map's xi lines are one spiral on each layer.
-    - `embedded`: where a map with four sides has finer lines between its own, or None.
+    - `embedded`: zones in which a map with four sides has finer lines between its own.
     """
 
     sides: Sides
@@ -120,7 +94,7 @@ class GridLines(AbstractPattern):
     base_made: Bool[Array, ""] | bool = True
     apart: float | None = None
     spiral: bool = eqx.field(static=True, default=False)
-    embedded: Embedded | None = eqx.field(static=True, default=None)
+    embedded: Embedded = eqx.field(static=True, default=Embedded(()))
 
     def __check_init__(self) -> None:
         if self.kind not in MAPS:
@@ -173,16 +147,15 @@ class GridLines(AbstractPattern):
             self.stacking,
             closed=self.closed,
             least_spacing=self.apart,
-            times=None if self.embedded is None else self.embedded.times,
+            times=self.embedded.times if self.embedded.zones else None,
         )
         shares = sum(self.stacking.layer_share(family) for family in FAMILIES)
-        if self.embedded is not None and self._joined:
+        if self.joined:
             # A border has one of the families end at it.
-            widest = porosity.widest(width)
-            places, length = self.embedded.ways(CLEAR * widest)
-            section = section_area(widest, self.height)
-            xy = jnp.concatenate([xy, places])
-            volume = jnp.concatenate([volume, shares / 2 * section * length])
+            places, more = border_joins(
+                self.embedded, porosity.widest(width), self.height, shares / 2
+            )
+            xy, volume = jnp.concatenate([xy, places]), jnp.concatenate([volume, more])
         if self.holes is not None:
             xy, volume = self.holes.cut(
                 porosity.LayerDeposit(xy, volume), porosity.widest(width), self.height, shares
@@ -190,10 +163,10 @@ class GridLines(AbstractPattern):
         return Points(_at_middle(xy, self._depth), volume * self.stacking.layers)
 
     @property
-    def _joined(self) -> bool:
+    def joined(self) -> bool:
         """Whether fine lines are joined where they end: with both families on a layer lines of the
         other one lie there already."""
-        return not self.stacking.both_families
+        return bool(self.embedded.zones) and not self.stacking.both_families
 
     @property
     def _depth(self) -> float:
@@ -206,7 +179,7 @@ class GridLines(AbstractPattern):
         local = porosity.cell_porosity(
             along, width, self.height, self.lines_per_layer, self.stacking
         )
-        local = 1 - (1 - local) * self._times(xy)
+        local = 1 - (1 - local) * self.embedded.times(xy)
         area = along.jacobian * xi.weights[:, None] * eta.weights
         points = _at_middle(xy[1:-1, 1:-1].reshape(-1, 2), self._depth)
         return points, local[1:-1, 1:-1].ravel(), area[1:-1, 1:-1].ravel() * self._depth
@@ -217,7 +190,7 @@ class GridLines(AbstractPattern):
         least = limits.least_spacing or realised.width(xi.places[:, None], eta.places[None])
         # Beyond a fold spacing means nothing, and a division by J would blow up.
         positive = jnp.maximum(walled.jacobian, 1e-3 * jnp.abs(walled.jacobian).mean())
-        times, finest = self._times(xy), self._times(xy, beyond=0.5)
+        times, finest = self.embedded.times(xy), self.embedded.times(xy, beyond=0.5)
         # Lines run up to two of the walls, and lie on none.
         closeness = [
             (finest * least * n_xi * norm(walled.eta) / positive)[1:-1],
@@ -240,31 +213,12 @@ class GridLines(AbstractPattern):
             "length": limits.least_road / jnp.concatenate(lengths) - 1,
         }
 
-    def _times(self, xy: Array, *, beyond: float = 0.0) -> Array:
-        """How many times as many lines as the base has lie at places (n, m, 2), mm."""
-        if self.embedded is None:
-            return jnp.ones(xy.shape[:-1])
-        return self.embedded.times(xy, beyond=beyond)
-
     def skew(self, realised: Realised) -> Float[Array, "n m"]:
         """|cos| of the angle between the families where design looks, walls included."""
         return realised.lattice.along.skew
 
     def roughness(self, controls: Controls) -> Float[Array, " n"]:
-        pieces = [jnp.zeros(0)]
-        for values in jax.tree.leaves(controls):
-            axes = [values.ndim - 1] if values is controls.spacing else range(values.ndim)
-            around = 1
-            if controls.crowding is not None and values is controls.crowding[0]:
-                around = 0
-            for axis in axes:
-                count = values.shape[axis]
-                if count > 2:
-                    # On a ring the first is the neighbour of the last.
-                    more = 2 if self.closed and axis == around else 0
-                    whole = jnp.take(values, np.arange(count + more) % count, axis)
-                    pieces.append(jnp.diff(whole, 2, axis=axis).ravel() / np.sqrt(values.size))
-        return jnp.concatenate(pieces)
+        return controls.roughness(closed=self.closed)
 
     def widths(self, realised: Realised) -> tuple[Array, Array]:
         places = jnp.linspace(0, 1, QUALITY_NODES)
@@ -272,74 +226,7 @@ class GridLines(AbstractPattern):
         return width.min(), width.max()
 
     def strokes(self, controls: Controls, points: int = 257) -> Iterator[Sequence[Lines]]:
-        xi, eta = (
-            jnp.asarray(Scan(family).places(int(comb)))
-            for family, comb in zip(FAMILIES, self.comb, strict=True)
-        )
-        shape = _shape(self, controls)
-        edge = margins(*shape, points, closed=self.closed)
-        lines = traced(*shape, edge, (xi, eta))
-        starts = np.zeros(len(eta), int)
-        if self.apart is not None:
-            starts = self._starts(np.asarray(_spacing(self, shape[0], eta, points)))
-        made: dict[Scan, Lines] = {}
-        for layer in self.stacking.scans:
-            for scan in layer:
-                if scan not in made:
-                    xy, width = lines[FAMILIES.index(scan.family)]
-                    part = slice(scan.phase, None, scan.phases)
-                    level, xy, width = np.arange(len(xy[part])), xy[part], width[part]
-                    if self.closed and scan.family == "xi":
-                        xy, width = self._around(shape, edge, scan, xy, width)
-                    elif self.closed:
-                        level = self._levels(scan, len(level))
-                    begin = starts[part] if scan.family == "eta" else np.zeros(len(xy), int)
-                    made[scan] = Lines(
-                        scan.family,
-                        scan.parity,
-                        level[: len(xy)],
-                        [line[k:] for line, k in zip(xy, begin, strict=False)],
-                        [line[k:] for line, k in zip(width, begin, strict=False)],
-                        press=PRESS,
-                    )
-                    if self.embedded is not None:
-                        made[scan] = with_fine(
-                            made[scan],
-                            self.embedded,
-                            scan,
-                            (int(self.comb[0]), int(self.comb[1])),
-                            edge=edge,
-                            trace=partial(along, *shape),
-                            joined=self._joined,
-                        )
-            yield [made[scan] for scan in layer]
-
-    @staticmethod
-    def _levels(scan: Scan, count: int) -> np.ndarray:
-        """Levels of the lines across a ring: they begin elsewhere on each layer."""
-        return (np.arange(count) - scan.phase * count // scan.phases) % count
-
-    def _starts(self, spacing: np.ndarray) -> np.ndarray:
-        """The point at which each eta line of a disc starts, of all phases."""
-        starts = np.zeros(len(spacing), int)
-        for phase in range(self.stacking.phases):
-            part = slice(phase, None, self.stacking.phases)
-            level = self._levels(Scan("eta", phase, self.stacking.phases), len(spacing[part]))
-            starts[part] = porosity.first_kept(spacing[part], level)
-        return np.minimum(starts, spacing.shape[1] - 2)
-
-    def _around(
-        self, shape: _Shape, edge: Margins, scan: Scan, xy: np.ndarray, width: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """A layer's closed lines, or its spiral: they begin elsewhere on each layer."""
-        pieces = width.shape[1]
-        turn = scan.phase * pieces // scan.phases
-        if self.spiral:
-            count = int(float(self.comb[0]) / scan.phases * pieces)
-            xy, width = map(np.asarray, spiral(*shape, edge, turn, pieces + 1, count))
-            return xy[None], width[None]
-        xy = np.roll(xy[:, :-1], -turn, axis=1)
-        return np.concatenate([xy, xy[:, :1]], 1), np.roll(width, -turn, axis=1)
+        return layers(self, controls, points)
 
     @property
     def mean_by_count(self) -> bool:
@@ -373,7 +260,7 @@ class GridLines(AbstractPattern):
 
     def pictures(self, controls: Controls) -> dict[str, tuple[Panel, ...]]:
         """P and Q of functions that count a layer's lines; at walls as at the nearest nodes."""
-        xy = _nodes(_shape(self, controls)[0])
+        xy = _nodes(shape_of(self, controls)[0])
         panels = [
             Panel(name, xy[..., 0], xy[..., 1], jnp.pad(lines * values, 1, mode="edge"))
             for name, lines, values in zip(
@@ -385,20 +272,16 @@ class GridLines(AbstractPattern):
     def facts(self, controls: Controls) -> dict[str, Any]:
         """Lines of a layer, phases, and the quality of the map's grid of nodes."""
         xi, eta = (int(n) / self.stacking.phases for n in self.comb)
-        measures = quality(np.asarray(_nodes(_shape(self, controls)[0])))
+        measures = quality(np.asarray(_nodes(shape_of(self, controls)[0])))
         return {
             "kind": "grid-lines",
             "map": self.kind,
             "lines_per_layer": {"xi": xi, "eta": eta},
             "phases": self.stacking.phases,
             "grid": {name: float(value) for name, value in measures._asdict().items()},
-            **({} if self.embedded is None else {"embedded": self.embedded.facts}),
+            **({"embedded": self.embedded.facts} if self.embedded.zones else {}),
         }
 
-
-PRESS = 0.25
-"""The first and the last lines run along walls, and are pressed back on them from this share of a
-road's width beyond."""
 
 QUALITY_NODES = 65
 """Nodes each way of the grid whose quality is reported."""
@@ -423,21 +306,6 @@ def _volume(pattern: GridLines) -> Array:
 
 
 @eqx.filter_jit
-def _shape(pattern: GridLines, controls: Controls) -> _Shape:
-    grid, _, width = pattern.shape(controls)
-    return grid, width
-
-
-@eqx.filter_jit
 def _nodes(grid: AbstractGridMap) -> Array:
     places = jnp.linspace(0, 1, QUALITY_NODES)
     return grid(places[:, None], places[None])
-
-
-@eqx.filter_jit
-def _spacing(pattern: GridLines, grid: AbstractGridMap, eta: Array, points: int) -> Array:
-    """Of a layer's eta lines, as shares of `apart`, at the points traced of each."""
-    run = jnp.linspace(0, 1, points)
-    _, along = tangents(grid, run[:, None], eta[None])
-    spacing = along.jacobian / (pattern.lines_per_layer[1] * norm(along.xi))
-    return (spacing / pattern.apart).T

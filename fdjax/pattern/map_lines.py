@@ -18,7 +18,8 @@ from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
 from fdjax.pattern.embedding import EMBEDDED, Wanted, embed
-from fdjax.pattern.grid_lines import Controls, GridLines, comb_of
+from fdjax.pattern.grid_controls import Controls
+from fdjax.pattern.grid_lines import GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
 from fdjax.pattern.map_domain import Domain, domain_of
 from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS, solved_once

@@ -26,7 +26,8 @@ from fdjax.grid.spacing import (
 )
 
 if TYPE_CHECKING:
-    from fdjax.pattern.grid_lines import Controls, GridLines
+    from fdjax.pattern.grid_controls import Controls
+    from fdjax.pattern.grid_lines import GridLines
 
 
 def _spacings(controls: Controls) -> Spacings:

@@ -24,8 +24,13 @@ def test_the_best_of_what_suits_is_kept_and_said(tmp_path):
     assert [note.split(":")[0] for note in notes[:2]] == ["tried transfinite", "tried blocks"]
     assert all(note in table for note in notes)
     kept = notes[2].removeprefix("kept ")
-    kind = json.loads((tmp_path / "report.json").read_text())["design"]["pattern"]["kind"]
+    report = json.loads((tmp_path / "report.json").read_text())
+    kind = report["design"]["pattern"]["kind"]
     assert kind == {"transfinite": "grid-lines", "blocks": "blocks"}[kept]
+    # What is compared are files: the one that is kept is the one that was looked at.
+    facts = report["files"]["part.gcode"]
+    rms, shifted = facts["rms"], facts["rms_windows_shifted_by_half"]
+    assert f"tried {kept}: RMS {rms:.4f}, shifted {shifted:.4f} in its file" in notes
     assert (tmp_path / "part.gcode").exists()
 
 

@@ -20,7 +20,8 @@ from fdjax.limits import Limits
 from fdjax.optimise.objective import Objective
 from fdjax.part.part import Part
 from fdjax.part.patch import cosine_top, rectangle
-from fdjax.pattern.grid_lines import Controls, GridLines
+from fdjax.pattern.grid_controls import Controls
+from fdjax.pattern.grid_lines import GridLines
 from fdjax.road.porosity import Samples
 from fdjax.road.stacking import Stacking
 from fdjax.road.window import SoftWindows

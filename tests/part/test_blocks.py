@@ -136,6 +136,22 @@ def test_outlines_without_blocks_of_their_own_are_refused(polygon, says):
     assert says in str(fault.value)
 
 
+BANANA = shapely.LineString(
+    [(40 * np.cos(t), 40 * np.sin(t)) for t in np.linspace(0, 2.6, 60)]
+).buffer(9)
+DUMBBELL = shapely.union_all([circle((0, 0), 20), circle((60, 0), 20), box(0, -4, 60, 4)])
+
+
+@pytest.mark.parametrize("polygon", [OUTLINES["insole"](), BANANA, DUMBBELL, OUTLINES["kidney"]()])
+def test_a_patch_in_the_middle_is_about_as_far_from_the_outline_all_around(polygon):
+    region = whole(polygon)
+    blocks = blocks_of(region, 0.4)
+    assert len(blocks.blocks) == 5
+    middle = Polygon(blocks.outline(0))
+    walls = shapely.distance(shapely.points(middle.exterior.coords), region.exterior)
+    assert walls.max() < 1.6 * walls.min()
+
+
 def test_padding_keeps_polylines_as_they_are():
     short, long = polyline([(0, 0), (1, 0), (4, 0.5)]), polyline(np.random.default_rng(1)
                                                                .uniform(size=(9, 2)))  # fmt: skip

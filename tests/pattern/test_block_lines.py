@@ -124,12 +124,20 @@ def test_controls_that_exclude_each_other_are_refused():
         (box(0, 0, 40, 30), ["isolines", "transfinite", "blocks"]),
         (OUTLINES["L"](), ["isolines", "blocks"]),
         (OUTLINES["three holes"](), ["isolines", "transfinite", "blocks"]),
+        (OUTLINES["insole"](), ["isolines", "transfinite", "blocks"]),
+        (OUTLINES["star"](), ["isolines", "blocks"]),
     ],
 )
 def test_auto_tries_what_suits_the_outline(polygon, names):
     assert [name for name, _ in Auto().candidates(Part.plate(polygon))] == names
     fewer = Auto(tried=("isolines",)).candidates(Part.plate(polygon))
     assert [name for name, _ in fewer] == ["isolines"]
+
+
+def test_blocks_whose_lines_would_cross_are_refused_before_any_design():
+    dumbbell = circle((0, 0), 20).union(circle((60, 0), 20)).union(box(0, -4, 60, 4))
+    with pytest.raises(InputError, match=r"would cross at \("):
+        begun(dumbbell)
 
 
 def test_bands_are_cut_where_the_blocks_of_one_ask_for_too_different_numbers_of_lines():

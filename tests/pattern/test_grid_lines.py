@@ -13,7 +13,8 @@ from fdjax.errors import InputError
 from fdjax.grid.base import Sides
 from fdjax.limits import Limits
 from fdjax.part.patch import cosine_top, from_polygon, rectangle
-from fdjax.pattern.grid_lines import Controls, GridLines
+from fdjax.pattern.grid_controls import Controls
+from fdjax.pattern.grid_lines import GridLines
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.road.porosity import Samples
 from fdjax.road.stacking import Stacking

@@ -6,7 +6,8 @@ import numpy as np
 
 from fdjax.grid.base import Sides
 from fdjax.part.part import Part
-from fdjax.pattern.grid_lines import Controls, GridLines
+from fdjax.pattern.grid_controls import Controls
+from fdjax.pattern.grid_lines import GridLines
 from fdjax.plan.trace import lay
 from fdjax.road.bead import section_area
 from fdjax.road.porosity import Samples
