@@ -36,11 +36,14 @@ class Controls(eqx.Module):
       controlled, the data of `field.poisson.Poisson` instead.
     - `width`: road width as the free number of `width.within`, shape () or, as a spline over the
       box, (K', L'); None where it is given.
+    - `times`: how often as dense as the chart is what is drawn in it, a spline of a free number of
+      `width.within`; None where it is as dense.
     """
 
     xi: Float[Array, "K L M"]
     eta: Float[Array, "K L M"]
     width: Float[Array, "..."] | None = None
+    times: Float[Array, "K L M"] | None = None
 
 
 class Lattice(NamedTuple):
@@ -69,13 +72,15 @@ class Lattice(NamedTuple):
 
 class Realised(NamedTuple):
     """What controls amount to: both functions' coefficients and, on the lattice, gradients,
-    densities |grad| (1/mm) and road width (mm), shapes that broadcast to (n, m, p).
+    densities |grad| (1/mm), road width (mm) and how often as dense as the chart is what is drawn in
+    it, shapes that broadcast to (n, m, p).
     """
 
     coefficients: tuple[Array, Array]
     gradient: tuple[tuple[Array, Array], tuple[Array, Array]]
     density: tuple[Array, Array]
     width: Array
+    times: Array
     made: Bool[Array, ""]
 
 
@@ -89,6 +94,7 @@ class ChartPattern(AbstractPattern):
     - `waves`: of each axis, by which steps are scaled.
     - `width_bases`: of a width field along x and y, where design looks.
     - `width`: road width, mm, where it is not a control; `width_range`: what it may be.
+    - `finest`: most times as dense as the chart that what is drawn in it may be.
     - `reach`: longest span of a road over the layer below, mm.
     - `middles`: height of the middle of each layer, mm.
     """
@@ -105,6 +111,7 @@ class ChartPattern(AbstractPattern):
     axes: tuple[Axis, Axis, Axis] = eqx.field(static=True)
     middles: tuple[float, ...] = eqx.field(static=True)
     sources: tuple[bool, bool] = eqx.field(static=True)
+    finest: float = eqx.field(static=True)
 
     def controls(self) -> Controls:
         return self.first
@@ -118,7 +125,11 @@ class ChartPattern(AbstractPattern):
         density = tuple(density_of(*each) for each in gradient)
         width = self.width_at(controls, self.width_bases)
         made = jnp.isfinite(density[0].sum() + density[1].sum())
-        return Realised((xi, eta), gradient, (density[0], density[1]), width, made)
+        times = jnp.ones((1, 1, 1))
+        if controls.times is not None:
+            free = product(controls.times, self.lattice.x, self.lattice.y, self.lattice.z)
+            times = within(free, 1.0, self.finest)
+        return Realised((xi, eta), gradient, (density[0], density[1]), width, times, made)
 
     def coefficients(self, controls: Controls) -> tuple[Array, Array]:
         """Spline coefficients of both functions; where P or Q is controlled, (5) is solved."""
@@ -150,10 +161,11 @@ class ChartPattern(AbstractPattern):
             for axis in range(3):
                 if inner.shape[axis] > 1:
                     pieces.append(weight * jnp.diff(inner, order, axis=axis).ravel())
-        if controls.width is not None and controls.width.ndim:
-            for axis in (0, 1):
-                change = jnp.diff(controls.width, 2, axis=axis).ravel()
-                pieces.append(change / np.sqrt(controls.width.size))
+        for field in (controls.width, controls.times):
+            for axis in range(0 if field is None else field.ndim):
+                if field is not None and field.shape[axis] > 1:
+                    change = jnp.diff(field, 2, axis=axis).ravel()
+                    pieces.append(change / np.sqrt(field.size))
         return jnp.concatenate(pieces)
 
     @property
@@ -165,7 +177,8 @@ class ChartPattern(AbstractPattern):
             values.at[1:-1, 1:-1].divide(_STEP**2) if source else _smoothed(values, self.waves)
             for source, values in zip(self.sources, (step.xi, step.eta), strict=True)
         )
-        return Controls(xi, eta, step.width)
+        times = None if step.times is None else _smoothed(step.times, self.waves)
+        return Controls(xi, eta, step.width, times)
 
     def widths(self, realised: Realised) -> tuple[Array, Array]:
         return realised.width.min(), realised.width.max()

@@ -127,7 +127,15 @@ class ChartSettings(AbstractSettings):
             tuple(part.middles.tolist()),
         )
 
-    def chart(self, start: Start, xi: Floats, eta: Floats) -> dict[str, Any]:
+    def chart(
+        self,
+        start: Start,
+        xi: Floats,
+        eta: Floats,
+        *,
+        times: Floats | None = None,
+        finest: float = 1.0,
+    ) -> dict[str, Any]:
         """The fields of a `ChartPattern`, from its first coefficients."""
         axes, room = start.axes, start.room
         sources = "p" in self.controls, "q" in self.controls
@@ -143,7 +151,8 @@ class ChartSettings(AbstractSettings):
             width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
         return {
             "first": Controls(
-                jnp.asarray(xi), jnp.asarray(eta), None if width is None else jnp.asarray(width)
+                *map(jnp.asarray, (xi, eta)),
+                *(None if field is None else jnp.asarray(field) for field in (width, times)),
             ),
             "axes": axes,
             "lattice": Lattice.of(axes, room),
@@ -156,6 +165,7 @@ class ChartSettings(AbstractSettings):
             "reach": start.reach,
             "middles": start.middles,
             "sources": sources,
+            "finest": finest,
         }
 
     def _axes(self, part: Part, window: float, flat: bool) -> tuple[Axis, Axis, Axis]:
