@@ -74,6 +74,12 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
                 each = replace(each, materials=job.materials.laid(part, second, each.build))
             written.append(each)
     notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips, *tried]
+    notes += [
+        f"{each.path.name}: {what}"
+        for each in written
+        if each.materials is not None
+        for what in job.materials.missed(each.materials)
+    ]
     faults = faults_of(job, result, written)
     report = report_of(job, result, written, faults, notes)
     (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")

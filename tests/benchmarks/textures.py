@@ -1,13 +1,15 @@
 """Every texture and curve, rasters of sub-domains and two materials on two outlines of 80 mm.
 
     python tests/benchmarks/textures.py [--only NAME ...] [--outlines NAME ...] [--targets NAME ...]
-                                        [--page examples/catalogue.md]
+                                        [--kept FOLDER] [--page examples/catalogue.md]
 
 What is measured is the written file, in windows of 5 mm over all layers. With `--page` the tables
-take the place of those at the end of that page.
+take the place of those at the end of that page. With `--kept` reports are kept in a folder, and
+what is there is not run again: for a run that was cut off.
 """
 
 import argparse
+import hashlib
 import json
 import sys
 import tempfile
@@ -18,7 +20,6 @@ from typing import Any
 import jax
 import numpy as np
 from accuracy import TARGETS as FOUR
-from shapely import Polygon
 
 from fdjax.app import config
 from fdjax.app.run import design
@@ -73,26 +74,43 @@ MATERIALS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
     "square, share 0.3": ({"kind": "texture", "cell": "square"}, {"share": 0.3}),
     "hilbert, share 0.3": ({"kind": "curve"}, {"share": 0.3}),
 }
+FILES: dict[str, dict[str, Any]] = {
+    "gcode": {"machine": "marlin-0.4-dual"},
+    "sml": {
+        "machine": "stratasys-fdm1650",
+        "part": {"layer_height": "0.010in"},
+        "design": {"span_limit": False},
+    },
+}
+KEPT: Path | None = None
 HEADING = "\n## On 80 mm\n"
 
 
 def written(
-    outline: Polygon, target: str, pattern: dict[str, Any], kind: str = "gcode", **more: Any
+    outline: str, target: str, pattern: dict[str, Any], kind: str = "gcode", **more: Any
 ) -> dict[str, Any] | str:
     """What the report says of the written file, with its pattern, or why there is none."""
+    tables = {
+        "files": [kind],
+        "part": {"shape": "polygon", "wkt": OUTLINES[outline]().wkt, **more.pop("part", {})},
+        "target": {"solid": target, "tolerance": 1.0},
+        "pattern": pattern,
+        **more,
+    }
+    name = hashlib.sha256(json.dumps(tables).encode()).hexdigest()[:16]
+    kept = None if KEPT is None else KEPT / f"{name}.json"
+    if kept is not None and kept.exists():
+        return json.loads(kept.read_text())
+    found = _found(tables)
+    if kept is not None:
+        kept.write_text(json.dumps(found))
+    return found
+
+
+def _found(tables: dict[str, Any]) -> dict[str, Any] | str:
     with tempfile.TemporaryDirectory() as folder:
-        job = config.parse(
-            {
-                "files": [kind],
-                "part": {"shape": "polygon", "wkt": outline.wkt},
-                "target": {"solid": target, "tolerance": 1.0},
-                "pattern": pattern,
-                **more,
-            },
-            name="one",
-        )
         try:
-            design(job, Path(folder), progress=lambda text: None)
+            design(config.parse(tables, name="one"), Path(folder), progress=lambda text: None)
         except FdjaxError as fault:
             return str(fault)
         report = json.loads((Path(folder) / "report.json").read_text())
@@ -121,8 +139,7 @@ def drawings(
     for name in names:
         for outline in outlines:
             found = {
-                target: written(OUTLINES[outline](), TARGETS[target], PATTERNS[name])
-                for target in targets
+                target: written(outline, TARGETS[target], PATTERNS[name]) for target in targets
             }
             good = {target: facts for target, facts in found.items() if isinstance(facts, dict)}
             means = [
@@ -154,9 +171,7 @@ def rasters(outlines: Sequence[str], targets: Sequence[str]) -> Iterator[str]:
             for target in targets:
                 if name == "levels" and target not in GRADED:
                     continue
-                facts = written(
-                    OUTLINES[outline](), TARGETS[target], {"kind": "rasters", **pattern}
-                )
+                facts = written(outline, TARGETS[target], {"kind": "rasters", **pattern})
                 if isinstance(facts, str):
                     failed += f" {target}: {facts}"
                     continue
@@ -175,11 +190,8 @@ def materials(outlines: Sequence[str]) -> Iterator[str]:
     yield told(["---"] * 8)
     for name, (pattern, way) in MATERIALS.items():
         for outline in outlines:
-            for kind, machine in (("gcode", "marlin-0.4-dual"), ("sml", "stratasys-fdm1650")):
-                facts = written(
-                    OUTLINES[outline](), GRADED["linear"], pattern, kind, materials=way,
-                    machine=machine, design={"span_limit": False},
-                )  # fmt: skip
+            for kind, more in FILES.items():
+                facts = written(outline, GRADED["linear"], pattern, kind, materials=way, **more)
                 if isinstance(facts, str):
                     yield told([name, outline, kind, facts, "", "", "", ""])
                     continue
@@ -196,7 +208,12 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--outlines", nargs="*", choices=OUTLINES, default=list(OUTLINES))
     parser.add_argument("--targets", nargs="*", choices=TARGETS, default=list(TARGETS))
     parser.add_argument("--page", type=Path)
+    parser.add_argument("--kept", type=Path)
     chosen = parser.parse_args(argv)
+    global KEPT
+    KEPT = chosen.kept
+    if KEPT is not None:
+        KEPT.mkdir(parents=True, exist_ok=True)
     jax.config.update("jax_enable_x64", True)
     only = [*PATTERNS, "rasters", "materials"] if chosen.only is None else chosen.only
     tables = []
