@@ -106,9 +106,10 @@ class Materials:
         tools = len(machine.sml.materials) if machine.sml is not None else 0
         tools = machine.gcode.tools if machine.gcode is not None else tools
         if self.given and max(self.tools) >= tools:
+            more = "" if tools > 1 else '; "marlin-0.4-dual" has two'
             raise InputError(
                 f"materials: tool {max(self.tools)} is asked for, but {machine.name} has {tools}, "
-                'counted from 0; "marlin-0.4-dual" has two'
+                f"counted from 0{more}"
             )
 
     def asked(self, part: Part, target: Target) -> float:

@@ -6,6 +6,7 @@ import pytest
 import shapely
 from outlines import OUTLINES
 
+from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.optimise.design import design
 from fdjax.part.part import Part
@@ -57,6 +58,13 @@ def test_even_targets_are_left_to_the_chart():
         target = expression(solid, quantity="solid")
         pattern = Curves().begin(part, target, MARLIN.limits, 5.0)
         assert (pattern.finest, pattern.first.times is None) == (2.0**depths, not depths)
+
+
+def test_steps_under_a_roads_width_are_refused():
+    part = Part.plate(shapely.box(0, 0, 20, 20), layers=2, height=0.2)
+    target = expression("0.95", quantity="solid")
+    with pytest.raises(InputError, match=r"or roads 0\.376 mm apart, less than 0\.4, but roads"):
+        Curves().begin(part, target, MARLIN.limits, 5.0)
 
 
 def test_turned_layers_are_the_drawing_turned_in_its_plane():
