@@ -63,7 +63,7 @@ def test_even_targets_are_left_to_the_chart():
 def test_steps_under_a_roads_width_are_refused():
     part = Part.plate(shapely.box(0, 0, 20, 20), layers=2, height=0.2)
     target = expression("0.95", quantity="solid")
-    with pytest.raises(InputError, match=r"or roads 0\.376 mm apart, less than 0\.4, but roads"):
+    with pytest.raises(InputError, match=r"machine \(0\.376 mm apart is less than 0\.4\); change"):
         Curves().begin(part, target, MARLIN.limits, 5.0)
 
 
