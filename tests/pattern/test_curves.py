@@ -5,16 +5,19 @@ import numpy as np
 import pytest
 import shapely
 from outlines import OUTLINES
+from slopes import assert_slopes
 
 from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.optimise.design import design
+from fdjax.optimise.objective import Objective
 from fdjax.part.part import Part
 from fdjax.pattern.curve_order import NAMES, rank
 from fdjax.pattern.curves import Curves
 from fdjax.plan.compare import compare
 from fdjax.plan.measure import measure
 from fdjax.plan.trace import lay
+from fdjax.road.window import SoftWindows
 from fdjax.target.target import expression
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
@@ -50,6 +53,15 @@ def test_halved_steps_lay_what_the_model_has(depths):
     assert facts["depths"] == depths
     shortest = min(road.segment_lengths.min() for layer in build.layers for road in layer.roads)
     assert shortest < facts["gap"]
+
+
+def test_gradients_of_the_depth_agree_with_central_differences():
+    disc = shapely.Point(20, 20).buffer(20, quad_segs=24)
+    part = Part.plate(disc.difference(disc.buffer(-14)), layers=10, height=0.2)
+    target = expression("0.2 + 0.25*x/40", quantity="solid")
+    pattern = Curves(depths=2, knots=(8, 9)).begin(part, target, MARLIN.limits, 5.0)
+    windows = SoftWindows.over(part, target.solid, 5.0, flat=True)
+    assert_slopes(Objective(pattern, windows, target, MARLIN.limits))
 
 
 def test_even_targets_are_left_to_the_chart():
