@@ -8,7 +8,7 @@ from pathlib import Path
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.planning import SHIFTS, checked, designed, least_road, plan_of, trimmed_to
-from fdjax.app.report import Written, faults_of, report_of, table_of
+from fdjax.app.report import Written, faults_of, left_out, report_of, table_of
 from fdjax.errors import DesignError, InputError
 from fdjax.formats import module, read_file
 from fdjax.formats.profile import Machine
@@ -52,6 +52,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             _laplacians(job, folder, result, painter)
         plans = {main: plan}
         written: list[Written] = []
+        missing: list[str] = []
         for kind, machine in machines.items():
             if machine not in plans:
                 plans[machine] = plan_of(job, result, machine, target)
@@ -73,7 +74,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             if job.materials.given:
                 each = replace(each, materials=job.materials.laid(part, second, each.build))
             written.append(each)
+            missing += left_out(each, plan.thinned)
     notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips, *tried]
+    notes += missing
     notes += [
         f"{each.path.name}: {what}"
         for each in written
