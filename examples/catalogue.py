@@ -117,7 +117,10 @@ def main(arguments: list[str] | None = None) -> None:
         rms = " | ".join(f"{facts['rms']:.4f}" for facts in found)
         rows.append(f"| {name} | `{keys}` | {rms} | {100 * worst:.2g} % |")
         print(rows[-1], flush=True)
-    (given.out / "catalogue.md").write_text(PAGE + "\n".join(rows) + "\n")
+    page = given.out / "catalogue.md"
+    # What another command has written behind the table stays.
+    behind = page.read_text().partition("\n## ") if page.exists() else ("", "", "")
+    page.write_text(PAGE + "\n".join(rows) + "\n" + "".join(behind[1:]))
     figure = Figure()
     drawn(figure, layers)
     figure.savefig(given.out / "catalogue.png", dpi=110)

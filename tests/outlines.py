@@ -58,6 +58,10 @@ def three_holes() -> Polygon:
     return Polygon(box(0, 0, 80, 80).exterior, [hole.exterior for hole in holes])
 
 
+def disc_with_two_holes() -> Polygon:
+    return Polygon(disc().exterior, [_disc(24, 36, 8).exterior, _disc(56, 46, 6).exterior])
+
+
 def insole() -> Polygon:
     """The example's, 80 mm long."""
     source = Path(__file__).parents[1] / "examples" / "insole.geojson"

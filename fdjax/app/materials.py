@@ -35,6 +35,9 @@ FORMULA = Kind("formula in x, y", _formula)
 
 _WAYS = ("function", "image", "share")
 
+_OFF = 0.01
+"""Of the smaller share, by which it may be off before a user is told."""
+
 _SAMPLES = 200
 """Places along each side of a part at which the share that is asked is looked at."""
 
@@ -59,8 +62,8 @@ class Materials:
     )  # fmt: skip
     seed: int = key(whole(0, 2**32 - 1), "of the draw", default=0)
     split: bool = key(
-        FLAG, "cut roads where the material changes, instead of asking at their centres",
-        default=False,
+        FLAG, "cut roads where the material changes, instead of asking at their centres; one road "
+        "of a share that whole roads do not meet", default=False,
     )  # fmt: skip
     tools: tuple[int, int] = key(
         pair(whole(0, 15)), "numbers of the two materials or tools of the machine", default=[0, 1]
@@ -74,8 +77,6 @@ class Materials:
             raise InputError(f"needs one of {', '.join(_WAYS)}")
         if self.tools[0] == self.tools[1]:
             raise InputError(f"tools: both are {self.tools[0]}; two are needed")
-        if self.share is not None and self.split:
-            raise InputError("split is for a function or image; a share draws whole roads")
         for name, way in (("unit", "function"), ("seed", "share")):
             default = next(f.default for f in fields(self) if f.name == name)
             if getattr(self, name) != default and getattr(self, way) is None:
@@ -105,9 +106,10 @@ class Materials:
         tools = len(machine.sml.materials) if machine.sml is not None else 0
         tools = machine.gcode.tools if machine.gcode is not None else tools
         if self.given and max(self.tools) >= tools:
+            more = "" if tools > 1 else '; "marlin-0.4-dual" has two'
             raise InputError(
                 f"materials: tool {max(self.tools)} is asked for, but {machine.name} has {tools}, "
-                'counted from 0; "marlin-0.4-dual" has two'
+                f"counted from 0{more}"
             )
 
     def asked(self, part: Part, target: Target) -> float:
@@ -151,6 +153,16 @@ class Materials:
         if self.share is None and not self.split:
             facts["wrong"] = int((second != self.rule(part)(places, volumes)).sum())
         return facts
+
+    def missed(self, facts: dict[str, Any]) -> list[str]:
+        """In words, that the share of a material in a file, as `laid` says it, is off."""
+        got, asked = facts["got"], facts["asked"]
+        if self.split or abs(got - asked) <= _OFF * min(asked, 1 - asked):
+            return []
+        return [
+            f"materials: whole roads hold {got:.4f} of the second, {asked:.4f} is asked; "
+            "split = true cuts roads"
+        ]
 
 
 def _nearest(samples: Raster) -> Any:

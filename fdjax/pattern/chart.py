@@ -37,11 +37,14 @@ class Controls(eqx.Module):
       controlled, the data of `field.poisson.Poisson` instead.
     - `width`: road width as the free number of `width.within`, shape () or, as a spline over the
       box, (K', L'); None where it is given.
+    - `times`: how often as dense as the chart is what is drawn in it, a spline of a free number of
+      `width.within`; None where it is as dense.
     """
 
     xi: Float[Array, "K L M"]
     eta: Float[Array, "K L M"]
     width: Float[Array, "..."] | None = None
+    times: Float[Array, "K L M"] | None = None
 
 
 class Lattice(NamedTuple):
@@ -74,13 +77,15 @@ class Lattice(NamedTuple):
 
 class Realised(NamedTuple):
     """What controls amount to: both functions' coefficients and, on the lattice, their gradients
-    (1/mm), x before y, their densities |grad| (1/mm) and the road width (mm).
+    (1/mm), x before y, their densities |grad| (1/mm), the road width (mm) and how often as dense as
+    the chart is what is drawn in it.
     """
 
     coefficients: Float[Array, "2 K L M"]
     gradient: Float[Array, "2 2 n m p"]
     density: Float[Array, "2 n m p"]
     width: Float[Array, "#n #m #p"]
+    times: Float[Array, "#n #m #p"]
     made: Bool[Array, ""]
 
 
@@ -94,6 +99,7 @@ class ChartPattern(AbstractPattern):
     - `waves`: of each axis, by which steps are scaled.
     - `width_bases`: of a width field along x and y, where design looks.
     - `width`: road width, mm, where it is not a control; `width_range`: what it may be.
+    - `finest`: most times as dense as the chart that what is drawn in it may be.
     - `reach`: longest span of a road over the layer below, mm.
     - `middles`: height of the middle of each layer, mm.
     """
@@ -110,6 +116,7 @@ class ChartPattern(AbstractPattern):
     axes: tuple[Axis, Axis, Axis] = eqx.field(static=True)
     middles: tuple[float, ...] = eqx.field(static=True)
     sources: tuple[bool, bool] = eqx.field(static=True)
+    finest: float = eqx.field(static=True)
 
     def controls(self) -> Controls:
         return self.first
@@ -122,7 +129,12 @@ class ChartPattern(AbstractPattern):
         gradient = self.lattice.gradient(coefficients)
         density = density_of(gradient[:, 0], gradient[:, 1])
         width = self.width_at(controls, self.width_bases)
-        return Realised(coefficients, gradient, density, width, jnp.isfinite(density.sum()))
+        times = jnp.ones((1, 1, 1))
+        if controls.times is not None:
+            free = product(controls.times, self.lattice.x, self.lattice.y, self.lattice.z)
+            times = within(free, 1.0, self.finest)
+        made = jnp.isfinite(density.sum())
+        return Realised(coefficients, gradient, density, width, times, made)
 
     def coefficients(self, controls: Controls) -> tuple[Array, Array]:
         """Spline coefficients of both functions; where P or Q is controlled, (5) is solved."""
@@ -152,9 +164,10 @@ class ChartPattern(AbstractPattern):
             order, weight = (1, _SMOOTH**2) if source else (3, _SMOOTH**2 / self._knot_area)
             inner = values[1:-1, 1:-1] if source else values
             pieces += [weight * each for each in _differences(inner, order)]
-        if controls.width is not None and controls.width.ndim:
-            bends = _differences(controls.width, 2)
-            pieces += [bend / np.sqrt(controls.width.size) for bend in bends]
+        for field in (controls.width, controls.times):
+            if field is not None:
+                bends = _differences(field, 2)
+                pieces += [bend / np.sqrt(field.size) for bend in bends]
         return jnp.concatenate([piece.ravel() for piece in pieces])
 
     @property
@@ -169,7 +182,8 @@ class ChartPattern(AbstractPattern):
                 self.sources, (step.xi, step.eta), smoothed, strict=True
             )
         )
-        return Controls(xi, eta, step.width)
+        times = None if step.times is None else _smoothed(step.times, self.waves)
+        return Controls(xi, eta, step.width, times)
 
     def widths(self, realised: Realised) -> tuple[Array, Array]:
         return realised.width.min(), realised.width.max()

@@ -126,7 +126,15 @@ class ChartSettings(AbstractSettings):
             tuple(part.middles.tolist()),
         )
 
-    def chart(self, start: Start, xi: Floats, eta: Floats) -> dict[str, Any]:
+    def chart(
+        self,
+        start: Start,
+        xi: Floats,
+        eta: Floats,
+        *,
+        times: Floats | None = None,
+        finest: float = 1.0,
+    ) -> dict[str, Any]:
         """The fields of a `ChartPattern`, from its first coefficients."""
         axes, room = start.axes, start.room
         sources = "p" in self.controls, "q" in self.controls
@@ -141,7 +149,7 @@ class ChartSettings(AbstractSettings):
             middle = free_of(self.road_width, low, high)
             width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
         return {
-            "first": jax.device_put(Controls(xi, eta, width)),
+            "first": jax.device_put(Controls(xi, eta, width, times)),
             "axes": axes,
             "lattice": Lattice.of(axes, room),
             "room": jax.device_put(room),
@@ -153,6 +161,7 @@ class ChartSettings(AbstractSettings):
             "reach": start.reach,
             "middles": start.middles,
             "sources": sources,
+            "finest": finest,
         }
 
     def _axes(self, part: Part, window: float, flat: bool) -> tuple[Axis, Axis, Axis]:

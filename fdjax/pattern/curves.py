@@ -29,6 +29,10 @@ class Curves(DrawnSettings):
     curve: str = key(
         choice(*NAMES), "whose order the road goes by, round its squares", default="hilbert"
     )
+    depths: int | None = key(
+        whole(0, 4), "times that steps may be halved where the target is dense, on more layers the "
+        "denser; 0 leaves it to the chart", default=None, shown="by target",
+    )  # fmt: skip
     turned: bool = key(
         FLAG, "every second layer turns the drawing by a quarter, in its plane", default=True
     )
@@ -40,6 +44,13 @@ class Curves(DrawnSettings):
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> CurvePattern:
         """The curve as `DrawnSettings.drawing` begins it, and raises."""
         fields = self.drawing(
-            part, target, limits, window, directions=_DIRECTIONS, gap=1.0, pore=_PORE
+            part,
+            target,
+            limits,
+            window,
+            directions=_DIRECTIONS,
+            gap=1.0,
+            pore=_PORE,
+            depths=self.depths,
         )
         return CurvePattern(**fields, kind="curve", order=self.curve)

@@ -5,6 +5,7 @@ one of a neighbour.
 """
 
 import itertools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from fdjax.pattern.unit_cell import UnitCell
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.intp]
+Bools = NDArray[np.bool_]
 
 _FINE = 0.45
 """Places at which cells are looked for lie no further apart than this share of the least period."""
@@ -28,10 +30,15 @@ _FAR = 1 << 20
 
 
 class Chart(NamedTuple):
-    """Two splines on one layer: coefficients (K, L, 2) over the axes along x and y."""
+    """Two splines on one layer: coefficients (K, L, 2) over the axes along x and y.
+
+    `times`: how often as dense as the chart is what is drawn in it, as a function of places (n, 2),
+    mm, or None where it is as dense.
+    """
 
     coefficients: Floats
     axes: tuple[Axis, Axis]
+    times: Callable[[Floats], Floats] | None = None
 
     def sampled(self, step: float) -> tuple[Floats, Floats]:
         """Places (n, 2) on a lattice over the box and a little beyond, mm, and values there."""
@@ -74,18 +81,34 @@ def drawn(cell: UnitCell, chart: Chart, offset: Floats) -> tuple[Floats, Ints]:
     return xy, edges[found[edges].all(1)]
 
 
-def lattice(chart: Chart, offset: Floats) -> Floats:
-    """Places where both functions are whole numbers, over the chart's box: (2 n, 2 m, 2), mm.
+def lattice(chart: Chart, offset: Floats) -> tuple[Floats, Floats]:
+    """Places where both functions are whole numbers, over the chart's box: (2 n, 2 m, 2), mm, and
+    the values (2,) at the first.
 
     nan where there is none near the box. `offset`: by which they are moved, in steps, shape (2,).
     """
     cells, guess = _cells(chart, np.ones(2), offset, _FINE / float(_slopes(chart).max()))
     xy, found = inverse(chart.coefficients, chart.axes, cells + offset, guess)
     # Squares of four nodes are alike for all offsets.
-    at = cells - cells.min(0) // 2 * 2
+    least = cells.min(0) // 2 * 2
+    at = cells - least
     result = np.full((*(at.max(0) // 2 * 2 + 2), 2), np.nan)
     result[tuple(at[found].T)] = xy[found]
-    return result
+    return result, least + offset
+
+
+def halved(chart: Chart, xy: Floats, first: Floats, step: float, split: Bools) -> Floats:
+    """The lattice of half the step where squares of four nodes are split, (4 n, 4 m, 2), mm.
+
+    - `xy`: the lattice (2 n, 2 m, 2), mm; `first`: values at its first node; `step`: in both
+      functions; `split`: which squares, (n, m). nan in others.
+    """
+    finer = np.full((2 * xy.shape[0], 2 * xy.shape[1], 2), np.nan)
+    index = np.argwhere(np.repeat(np.repeat(split, 4, 0), 4, 1))
+    values = first + step * (index / 2 - 0.25)
+    places, found = inverse(chart.coefficients, chart.axes, values, xy[tuple((index // 2).T)])
+    finer[tuple(index[found].T)] = places[found]
+    return finer
 
 
 def _slopes(chart: Chart) -> Floats:

@@ -7,16 +7,17 @@ has to be drawn to know where the material goes. A single edge along an axis giv
 """
 
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
+from numpy.typing import NDArray
 
 from fdjax.field.pointwise import place_by_place
-from fdjax.field.spline import Axis, scattered
+from fdjax.field.spline import Axis, product, scattered
 from fdjax.limits import Limits
 from fdjax.pattern.base import Penalties
 from fdjax.pattern.chart import FLAT, ChartPattern, Controls, Lattice, Realised, density_of
@@ -26,21 +27,27 @@ from fdjax.road.bead import section_area
 from fdjax.road.deposit import Raster
 from fdjax.road.stroke import Stroke
 
+Floats = NDArray[np.float64]
+
 DISTORTION = 3.0
 """Largest ratio of the scales along and across in which a drawing is laid."""
+
+_FIRST = 0.1
+"""Some layers are more finely divided where this share of a step of the depth is asked for."""
 
 _TIGHT = 0.05
 """Between places looked at, roads come this share closer."""
 
 
 class Placing(NamedTuple):
-    """How a drawing lies on a layer: moved by shares of its periods, and turned by a quarter or
-    not.
+    """How a drawing lies on a layer: moved by shares of its periods, turned by a quarter or not,
+    and the share of the layers that are more finely divided where it may be.
     """
 
     xi: float
     eta: float
     turned: bool
+    finer: float
 
 
 class DrawnPattern(ChartPattern):
@@ -59,13 +66,13 @@ class DrawnPattern(ChartPattern):
     kind: str = eqx.field(static=True)
 
     @abstractmethod
-    def stroke(self, chart: Chart, offset: np.ndarray, controls: Controls) -> Stroke:
-        """The drawing on one layer, moved by `offset` (2,), in periods."""
+    def stroke(self, chart: Chart, placing: Placing, controls: Controls) -> Stroke:
+        """The drawing on one layer."""
 
     def density(self, realised: Realised) -> Array:
         """Centre line an area on each layer, 1/mm, a mean over all ways to move the drawing."""
         (xi_x, xi_y), (eta_x, eta_y) = realised.gradient
-        return sum(
+        return realised.times * sum(
             (
                 density_of(d[0] * eta_x - d[1] * xi_x, d[0] * eta_y - d[1] * xi_y)
                 for d in self.directions
@@ -88,9 +95,10 @@ class DrawnPattern(ChartPattern):
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
         inside = self.room.area[0] > 0
-        least = (limits.least_spacing or realised.width) * (1 + _TIGHT) / self.gap
+        finest, coarsest = self._divided(realised.times)
+        least = (limits.least_spacing or realised.width) * (1 + _TIGHT) / self.gap * finest
         least = jnp.broadcast_to(least, inside.shape)
-        most = self.reach / self.pore
+        most = jnp.broadcast_to(self.reach / self.pore * coarsest, inside.shape)
         distortion, spacing, span = _excess(
             *realised.gradient[0], *realised.gradient[1], least, most
         )
@@ -104,6 +112,15 @@ class DrawnPattern(ChartPattern):
         }
         return {name: values.ravel() / jnp.sqrt(count) for name, values in kinds.items()}
 
+    def _divided(self, times: Any) -> tuple[Any, Any]:
+        """By how much the finest and the coarsest of the layers divide a drawing's steps."""
+        finest = coarsest = jnp.ones_like(times)
+        for depth in range(round(np.log2(self.finest))):
+            size = 2.0**depth
+            finest += size * jnp.clip((times - size) / (_FIRST * size), 0, 1)
+            coarsest += size * jnp.clip(1 - (2 * size - times) / (_FIRST * size), 0, 1)
+        return finest, coarsest
+
     def strokes(self, controls: Controls) -> Iterator[Sequence[Stroke]]:
         coefficients = np.stack([np.asarray(each) for each in self.coefficients(controls)], -1)
         flat = self.axes[2].count == 1
@@ -115,9 +132,21 @@ class DrawnPattern(ChartPattern):
                 functions = np.einsum("klmf,m->klf", coefficients, up)
                 if placing.turned:
                     functions = functions[..., ::-1] * [1, -1]
-                chart = Chart(functions, self.axes[:2])
-                made[at] = self.stroke(chart, np.array(placing[:2]), controls)
+                chart = Chart(functions, self.axes[:2], self._times(controls, up))
+                made[at] = self.stroke(chart, placing, controls)
             yield [made[at]]
+
+    def _times(self, controls: Controls, up: Floats) -> Callable[[Floats], Floats] | None:
+        """How often as dense as the chart a drawing is at places (n, 2), mm, of one layer."""
+        if controls.times is None:
+            return None
+        free = np.asarray(controls.times) @ up
+
+        def times(places: Floats) -> Floats:
+            (at,) = scattered(free, self.axes[:2], places, (0, 0))
+            return np.asarray(within(jnp.asarray(at), 1.0, self.finest))
+
+        return times
 
     def road_widths(self, controls: Controls, places: np.ndarray) -> np.ndarray:
         """Road width at places (n, 2), mm, shape (n,)."""
@@ -138,13 +167,19 @@ class DrawnPattern(ChartPattern):
         lattice = Lattice(*map(np.asarray, self.lattice))
         slopes = [lattice.gradient(np.asarray(each)) for each in self.coefficients(controls)]
         steep, shallow = (np.asarray(each)[inside] for each in _scales(*slopes[0], *slopes[1]))
+        times = np.ones(1)
+        if controls.times is not None:
+            free = product(np.asarray(controls.times), lattice.x, lattice.y, lattice.z)
+            times = np.asarray(within(jnp.asarray(free), 1.0, self.finest))[inside]
+        finest, coarsest = (np.asarray(each) for each in self._divided(times))
         return {
             "kind": self.kind,
             "coefficients": [axis.count for axis in self.axes],
             "knot_distance": [axis.step for axis in self.axes[:2]],
             "placings": len(set(self.placing)),
-            "gap": float(self.gap / steep.max()),
-            "pore": float(self.pore / shallow.min()),
+            "depths": round(np.log2(finest.max())),
+            "gap": float(self.gap / (steep * finest).max()),
+            "pore": float(self.pore / (shallow * coarsest).min()),
             "distortion": float((steep / shallow).max()),
         }
 

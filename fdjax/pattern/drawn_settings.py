@@ -14,6 +14,7 @@ from fdjax.keys import FLAG, key, number, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.chart_settings import ChartSettings, spline_of
+from fdjax.pattern.depth import depths_of, free_spline, times_of
 from fdjax.pattern.drawn_pattern import Placing
 from fdjax.target.target import Target
 
@@ -44,9 +45,11 @@ class DrawnSettings(ChartSettings):
         directions: np.ndarray,
         gap: float,
         pore: float,
+        depths: int | None = 0,
     ) -> dict[str, Any]:
         """The fields of a `DrawnPattern` that is turned by `angle` and as dense as the target asks
-        in the mean; see there for what is given.
+        in the mean; see there for what is given. `depths`: how often its steps may be halved; None
+        for as often as the target asks.
 
         Raises `InputError` for a target beyond what gaps and pores allow, and for a region with no
         room for a road.
@@ -55,16 +58,19 @@ class DrawnSettings(ChartSettings):
             directions = np.concatenate([directions, directions[:, ::-1] * [-1, 1]]) / 2
         density = float(np.hypot(*directions.T).sum())
         start = self.start(part, target, limits, window, lengths=(density * pore, density * gap))
-        scale = float(np.average(start.demand, weights=start.weight)) / density
+        finest = 2.0 ** (depths_of(start) if depths is None else depths)
+        more = times_of(start, finest) if finest > 1 else np.ones(1)
+        scale = float(np.average(start.demand / more, weights=start.weight)) / density
         places = [np.linspace(axis.low, axis.high, 2 * axis.count) for axis in start.axes[:2]]
         x, y = np.meshgrid(*places, indexing="ij")
+        times = free_spline(start, places, more, finest) if finest > 1 else None
         turn = scale * np.exp(1j * np.radians(self.angle))
         xi, eta = (
             spline_of(start.axes, places, each)
             for each in (turn.real * x + turn.imag * y, turn.real * y - turn.imag * x)
         )
         return {
-            **self.chart(start, xi, eta),
+            **self.chart(start, xi, eta, times=times, finest=finest),
             "directions": jnp.asarray(directions),
             "gap": gap,
             "pore": pore,
@@ -78,13 +84,21 @@ def _placing(phases: int, layers: int, *, turned: bool) -> tuple[Placing, ...]:
     Phases by a rule of good lattice points: together they are about as even in both directions as
     those of lines are in one (Korobov 1959).
     """
-    step = min(
-        (k for k in range(1, phases + 1) if gcd(k, phases) == 1),
-        key=lambda k: abs(k - 0.382 * phases),
-    )
+    step = _jump(phases)
+    # Layers that lie on each other are divided as differently as may be.
+    period = min(layers, phases * (2 if turned else 1))
+    jump = _jump(period)
     made = []
     for layer in range(layers):
         k = layer // 2 if turned else layer
         places = (k % phases + 0.5) / phases, (k * step % phases + 0.5) / phases
-        made.append(Placing(*places, turned=turned and layer % 2 == 1))
+        finer = (layer * jump % period + 0.5) / period
+        made.append(Placing(*places, turned=turned and layer % 2 == 1, finer=finer))
     return tuple(made)
+
+
+def _jump(count: int) -> int:
+    """The number without common divisor with `count` nearest to .382 of it."""
+    return min(
+        (k for k in range(1, count + 1) if gcd(k, count) == 1), key=lambda k: abs(k - 0.382 * count)
+    )

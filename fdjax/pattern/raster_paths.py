@@ -4,6 +4,7 @@ Loads no JAX.
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -70,7 +71,7 @@ def raster(
     A line goes on to the next at the same side where the straight way keeps to the room and is no
     longer than ten spacings.
     """
-    turned = shapely.affinity.rotate(room, -angle, origin=(0, 0))
+    turned, reach = _turned(room, angle)
     x0, y0, x1, y1 = turned.bounds
     first, last = np.ceil(y0 / spacing - phase), np.floor(y1 / spacing - phase)
     places = (np.arange(first, last + 1) + phase) * spacing
@@ -85,14 +86,23 @@ def raster(
     bounds[1:, 0] += np.maximum(short, 0) / 2
     bounds[:-1, 2] -= np.maximum(short, 0) / 2
     long = bounds[:, 2] - bounds[:, 0] > _INSIDE
-    reach = shapely.buffer(turned, _INSIDE)
-    shapely.prepare(reach)
     turn = np.exp(1j * np.radians(angle))
     return [
         np.stack([path.real, path.imag], 1)
         for chain in _chains(bounds[long], owner[long], reach, _LONGEST_TURN * spacing, apart)
         if len(path := (np.array(chain) @ [1, 1j]) * turn) > 1
     ]
+
+
+@lru_cache(maxsize=8)
+def _turned(room: Outline, angle: float) -> tuple[Outline, Outline]:
+    """A room turned back by an angle, degrees, and what reaches just over it: alike for all gaps
+    and phases.
+    """
+    turned = shapely.affinity.rotate(room, -angle, origin=(0, 0))
+    reach = shapely.buffer(turned, _INSIDE)
+    shapely.prepare(reach)
+    return turned, reach
 
 
 def _chains(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -72,11 +73,7 @@ class Fill:
     def paths(self, way: Way) -> tuple[list[Floats], list[Floats]]:
         """Closed and open centre lines, (n, 2), mm, on a layer."""
         step = self.width + _APART
-        margin = self.width / 2 + _CLEAR
-        closed = []
-        for k in range(self.perimeters):
-            closed += rings(opened(inset(self.outline, margin + k * step), self.width))
-        room = opened(inset(self.outline, margin + self.perimeters * step), self.width)
+        closed, room = _inside(self.outline, self.width, self.perimeters)
         if room.is_empty:
             return closed, []
         spacing = step + self.gap
@@ -93,6 +90,16 @@ class Fill:
     @property
     def subdomain(self) -> Subdomain:
         return Subdomain(self.outline, self.kind, self.angle, self.laid, self.gap, self.perimeters)
+
+
+@lru_cache(maxsize=4)
+def _inside(outline: Outline, width: float, perimeters: int) -> tuple[list[Floats], Outline]:
+    """The perimeters of a sub-domain, and what is left to fill: the same for all air gaps."""
+    step, margin = width + _APART, width / 2 + _CLEAR
+    closed = []
+    for k in range(perimeters):
+        closed += rings(opened(inset(outline, margin + k * step), width))
+    return closed, opened(inset(outline, margin + perimeters * step), width)
 
 
 class Realised(NamedTuple):

@@ -2,6 +2,7 @@
 # ruff: noqa: RUF009 - `key` gives a dataclass field
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import gcd
 from typing import Any
@@ -22,8 +23,12 @@ from fdjax.target.target import Target
 
 FILLS = ("raster", "contour")
 
-_HALVES = 40
-"""How often the air gap is halved."""
+_LOOKS = 40
+"""How many air gaps are looked at, at most."""
+
+_NEAR, _CLOSE = 1e-3, 1e-3
+"""Of the volume that is asked, and of a road's width, what need not be looked for: sections make up
+for it."""
 
 _MOST = 0.05
 """Largest share by which a sub-domain's sections change so that its mean is met exactly."""
@@ -101,9 +106,9 @@ class Rasters(AbstractSettings):
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> RasterPattern:
         """The fills of all sub-domains, with the air gaps that meet the mean of each.
 
-        A gap is halved until the roads of all layers hold what the target asks; what whole lines
-        leave over is met by the sections, up to 5 %. Raises `InputError` for sub-domains that do
-        not cover the region once, and for one whose perimeters hold more, or whose densest fill
+        A gap is looked for at which the roads of all layers hold what the target asks; what whole
+        lines leave over is met by the sections, up to 5 %. Raises `InputError` for sub-domains that
+        do not cover the region once, and for one whose perimeters hold more, or whose densest fill
         holds less, than is asked.
         """
         regions = {slab.region for slab in part.slabs}
@@ -186,35 +191,26 @@ class Rasters(AbstractSettings):
         name = f"sub-domain {number_ + 1}"
         if self.air_gaps is not None:
             return fill.at(_of(self.air_gaps, number_))
-        low = max(0.0, (limits.least_spacing or 0.0) - fill.width)
-        high = max(4 * fill.width, 1.0)
-        most = held(low)
-        if not most > 0:
+        least = max(0.0, (limits.least_spacing or 0.0) - fill.width)
+        size = float(max(np.ptp(np.reshape(fill.outline.bounds, (2, 2)), axis=0)))
+        gap, found = _gap_for(held, volume, fill.width, least, 2 * size)
+        if not found > 0:
             raise InputError(
                 f"{name}: has no room for roads {fill.width:g} mm wide; take fewer or larger "
                 "sub-domains, or narrower roads"
             )
-        if most < volume * (1 - _MOST):
+        if found < volume * (1 - _MOST) and gap <= least:
             raise InputError(
                 f"{name}: a solid share of {fill.asked:.3f} is asked, and roads {fill.width:g} mm "
-                f"wide that touch hold {most / fill.outline.area / part.height:.3f}"
+                f"wide that touch hold {found / fill.outline.area / part.height:.3f}"
             )
-        size = max(np.ptp(np.reshape(fill.outline.bounds, (2, 2)), axis=0))
-        while (least := held(high)) > volume:
-            if high > 2 * size and least * (1 - _MOST) <= volume:
-                return self._sized(fill.at(high), volume / least, part)
-            if high > 2 * size:
-                raise InputError(
-                    f"{name}: a solid share of {fill.asked:.3f} is asked, and its perimeters alone "
-                    f"hold {least / fill.outline.area / part.height:.3f}; ask for more, for larger "
-                    "sub-domains or for fewer perimeters"
-                )
-            low, high = high, 2 * high
-        for _ in range(_HALVES):
-            middle = (low + high) / 2
-            low, high = (middle, high) if held(middle) > volume else (low, middle)
-        gap = min((low, high), key=lambda each: abs(held(each) - volume))
-        return self._sized(fill.at(gap), volume / held(gap), part)
+        if found * (1 - _MOST) > volume and gap > 2 * size:
+            raise InputError(
+                f"{name}: a solid share of {fill.asked:.3f} is asked, and its perimeters alone "
+                f"hold {found / fill.outline.area / part.height:.3f}; ask for more, for larger "
+                "sub-domains or for fewer perimeters"
+            )
+        return self._sized(fill.at(gap), volume / found, part)
 
     def _sized(self, fill: Fill, share: float, part: Part) -> Fill:
         """A fill whose sections are larger by a share, up to `_MOST`."""
@@ -222,6 +218,38 @@ class Rasters(AbstractSettings):
         height = float(np.mean([slab.height for slab in part.slabs]))
         section = share * float(section_area(fill.width, height))
         return fill.laid_at(float(road_width(np.array(section), height)))
+
+
+def _gap_for(
+    held: Callable[[float], float], volume: float, width: float, least: float, most: float
+) -> tuple[float, float]:
+    """The air gap, mm, at which roads `width` wide hold a volume, or the nearest to it that was
+    found, and what they hold there.
+
+    `held(gap)` falls in steps, as lines leave. The ends are `least`, and the first beyond `most`.
+    """
+    dense, sparse = -np.inf, np.inf
+    best = least, held(least)
+    if best[1] <= volume:
+        return best
+    gap, dense = least, least
+    at = best[1]
+    for _ in range(_LOOKS):
+        # As if what is held went with one over the spacing.
+        gap = (width + gap) * at / volume - width
+        if sparse == np.inf:
+            gap = max(gap, dense + width / 4)
+            if dense > most:
+                break
+        elif not dense < gap < sparse:
+            gap = (dense + sparse) / 2
+        at = held(gap)
+        if abs(at - volume) < abs(best[1] - volume):
+            best = gap, at
+        dense, sparse = (gap, sparse) if at > volume else (dense, gap)
+        if abs(at / volume - 1) < _NEAR or sparse - dense < _CLOSE * width:
+            break
+    return best
 
 
 def _of(values: tuple[Any, ...], number_: int) -> Any:

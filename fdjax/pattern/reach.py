@@ -35,10 +35,13 @@ def check_reachable(
     for at in (int(np.argmax(solid)), int(np.argmin(solid))):
         value = float(solid[at])
         if not lowest <= value <= highest:
+            step = float(section_area(wide, height)) / height * dense / value
+            least = limits.least_spacing or wide
+            close = f" ({step:.3g} mm apart is less than {least:.3g})" if step < least else ""
             raise InputError(
                 f"target: porosity {1 - value:.3f} is asked at {_place(xyz[at])}, but roads "
                 f"{_range(widths)} mm wide can give {1 - highest:.3f} to {1 - lowest:.3f} on this "
-                "machine; change the target, the road width or the layer height"
+                f"machine{close}; change the target, the road width or the layer height"
             )
 
 

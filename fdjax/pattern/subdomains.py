@@ -54,7 +54,10 @@ def voronoi(region: Region, sites: Sequence[tuple[float, float]]) -> list[Outlin
     for k, site in enumerate(xy):
         cell = shapely.box(*(site - 3 * size), *(site + 3 * size))
         # Half planes, one by one: exact on regular sites, where diagrams of libraries are not.
-        for other in np.delete(xy, k, 0):
+        for other in xy[np.argsort(apart[k], kind="stable")[:-1]]:
+            farthest = np.hypot(*(shapely.get_coordinates(cell) - site).T).max()
+            if np.hypot(*(other - site)) > 2 * farthest:
+                break
             middle, along = (site + other) / 2, (other - site) / np.hypot(*(other - site))
             across = np.array([-along[1], along[0]])
             far = 8 * size
@@ -104,11 +107,11 @@ def given(region: Region, polygons: Sequence[Any]) -> list[Outline]:
         if not polygon.is_valid or polygon.area == 0:
             raise InputError(f"sub-domain {number} crosses itself or has no area")
     small = _SAME * region.area
-    for i, one in enumerate(made):
-        for j, other in enumerate(made[:i]):
-            both = one.intersection(other).intersection(region.geometry)
-            if both.area > small:
-                raise InputError(f"sub-domains {j + 1} and {i + 1} overlap at {_place(both)}")
+    pairs = shapely.STRtree(made).query(made, predicate="intersects").T
+    for i, j in sorted(pairs[pairs[:, 1] < pairs[:, 0]].tolist()):
+        both = made[i].intersection(made[j]).intersection(region.geometry)
+        if both.area > small:
+            raise InputError(f"sub-domains {j + 1} and {i + 1} overlap at {_place(both)}")
     left = region.geometry.difference(shapely.union_all(made))
     if left.area > small:
         raise InputError(f"sub-domains leave a gap at {_place(left)}")

@@ -5,7 +5,7 @@ import numpy as np
 
 from fdjax.pattern.chart import Controls
 from fdjax.pattern.drawn import Chart, drawn
-from fdjax.pattern.drawn_pattern import DrawnPattern
+from fdjax.pattern.drawn_pattern import DrawnPattern, Placing
 from fdjax.pattern.unit_cell import UnitCell
 from fdjax.road.stroke import Drawing
 
@@ -15,6 +15,6 @@ class TexturePattern(DrawnPattern):
 
     cell: UnitCell = eqx.field(static=True)
 
-    def stroke(self, chart: Chart, offset: np.ndarray, controls: Controls) -> Drawing:
-        xy, edges = drawn(self.cell, chart, offset)
+    def stroke(self, chart: Chart, placing: Placing, controls: Controls) -> Drawing:
+        xy, edges = drawn(self.cell, chart, np.array(placing[:2]))
         return Drawing(xy, edges, self.road_widths(controls, xy[edges].mean(1)), self.kind)

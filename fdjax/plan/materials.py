@@ -1,8 +1,7 @@
 """Which material each road is laid with, and in which order, so that tools change seldom."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from fdjax.errors import InputError
 from fdjax.plan.laid import shortest_road
+from fdjax.plan.material_runs import Owed, runs_of
 from fdjax.plan.order import order_roads
 from fdjax.plan.toolpath import Build, Layer, Road
 
@@ -18,6 +18,9 @@ Bools = NDArray[np.bool_]
 
 _FINE = 0.5
 """Where a road is split it is looked at every so many of its widths."""
+
+_DRAWS, _MET = 32, 2e-3
+"""So many draws at most until one meets its share to this share of the whole volume."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,19 +49,52 @@ class ByPlace:
 
 @dataclass(frozen=True)
 class ByChance:
-    """Above for a share of the volume, of roads drawn at random with a seed."""
+    """Above for a share of the volume, of roads drawn at random with a seed.
+
+    Some of the roads drawn are then exchanged so that the share is met as well as whole roads can.
+    """
 
     share: float
     seed: int
 
     def __call__(self, xyz: Floats, volumes: Floats) -> Bools:
-        order = np.random.default_rng(self.seed).permutation(len(volumes))
-        drawn = np.cumsum(volumes[order])
-        above = np.zeros(len(volumes), bool)
-        if len(volumes):
+        chance = np.random.default_rng(self.seed)
+        goal = self.share * float(volumes.sum())
+        best, missed = np.zeros(len(volumes), bool), abs(goal)
+        for _ in range(_DRAWS):
+            if missed <= _MET * float(volumes.sum()):
+                break
+            order = chance.permutation(len(volumes))
+            above = np.zeros(len(volumes), bool)
             # A road counts if more than half of it is still asked for.
-            above[order] = drawn - volumes[order] / 2 < self.share * drawn[-1]
-        return above
+            above[order] = np.cumsum(volumes[order]) - volumes[order] / 2 < goal
+            _balance(above, volumes, goal, order)
+            if (off := abs(float(volumes[above].sum()) - goal)) < missed:
+                best, missed = above, off
+        return best
+
+
+def _balance(above: Bools, volumes: Floats, goal: float, order: NDArray[np.intp]) -> None:
+    """Move single roads across, or exchange two, while that brings the volume above nearer."""
+    while True:
+        over = float(volumes[above].sum()) - goal
+        # None stands for a road of no volume.
+        high, low = order[above[order]], order[~above[order]]
+        given = np.append(0.0, volumes[high])
+        rank = np.argsort(volumes[low], kind="stable")
+        taken = np.append(0.0, volumes[low][rank])
+        wanted = given - over
+        at = np.clip(np.searchsorted(taken, wanted), 1, len(taken)) - 1
+        at = np.stack([at, np.minimum(at + 1, len(taken) - 1)])
+        left = np.abs(taken[at] - wanted)
+        side, one = np.unravel_index(np.argmin(left), left.shape)
+        if not left[side, one] < abs(over) * (1 - 1e-9):
+            return
+        other = at[side, one]
+        if one:
+            above[high[one - 1]] = False
+        if other:
+            above[low[rank[other - 1]]] = True
 
 
 Rule = ByPlace | ByChance
@@ -96,31 +132,22 @@ def assigned(
     """The build with each road of one of two materials, by its centre, and few changes of tool.
 
     - `tools`: numbers of the material below and the one above.
-    - `split`: roads are cut where the material changes, to half a road's width. A piece shorter
-      than three widths or than `least_road`, mm, takes the material of its neighbours.
+    - `split`: roads are cut where the material changes, to half a road's width; of roads drawn by
+      chance one is cut so that the share is met. A piece shorter than three widths or than
+      `least_road`, mm, takes the material of its neighbours or grows, as keeps the shares.
 
     A layer begins with the material with which the one below it ended: so there is at most one
     change a layer, and layers alternate which comes first.
     """
-    if split:
+    if split and not isinstance(rule, ByChance):
+        owed = Owed()
         build = build.replace(
-            layers=tuple(_split(layer, rule, least_road) for layer in build.layers)
+            layers=tuple(_split(layer, rule, least_road, owed) for layer in build.layers)
         )
     else:
-        above = rule(*centres(build))
-        number = np.concatenate([[0], np.cumsum([len(layer.roads) for layer in build.layers])])
-        build = build.replace(
-            layers=tuple(
-                replace(
-                    layer,
-                    roads=tuple(
-                        replace(road, material=int(over))
-                        for road, over in zip(layer.roads, above[first:], strict=False)
-                    ),
-                )
-                for layer, first in zip(build.layers, number, strict=False)
-            )
-        )
+        build = _whole(build, rule)
+        if split and isinstance(rule, ByChance):
+            build = _met(build, rule.share, least_road)
     layers, last = [], 0
     for layer in build.layers:
         roads: list[Road] = []
@@ -148,25 +175,72 @@ def changes(build: Build) -> int:
     return int(np.count_nonzero(np.diff(order)))
 
 
-def _split(layer: Layer, rule: Rule, least_road: float) -> Layer:
+def _whole(build: Build, rule: Rule) -> Build:
+    """Each road of the material, 0 or 1, that a rule gives it."""
+    above = rule(*centres(build)).tolist()
+    layers = []
+    for layer in build.layers:
+        own, above = above[: len(layer.roads)], above[len(layer.roads) :]
+        roads = (
+            replace(road, material=int(over)) for road, over in zip(layer.roads, own, strict=True)
+        )
+        layers.append(replace(layer, roads=tuple(roads)))
+    return build.replace(layers=tuple(layers))
+
+
+def _met(build: Build, share: float, least_road: float) -> Build:
+    """One road, the largest that helps, cut so that the second material has its share."""
+    heaviest, over = (0.0, 0, 0), -share * build.volume
+    over += sum(float(layer.road_volumes[layer.materials == 1].sum()) for layer in build.layers)
+    for number, layer in enumerate(build.layers):
+        helps = np.where(layer.materials == (over > 0), layer.road_volumes, 0.0)
+        if helps.max(initial=0.0) > heaviest[0]:
+            heaviest = float(helps.max()), number, int(np.argmax(helps))
+    if abs(over) <= _MET * build.volume or not heaviest[0]:
+        return build
+    _, number, k = heaviest
+    layer = build.layers[number]
+    road = layer.roads[k]
+    owner, start, size = _steps(road)
+    reach = np.cumsum(road.areas(layer.height)[owner] * size)
+    above = (reach > abs(over)) == (over > 0)
+    pieces = _pieces(road, owner, start, size, above, least_road, Owed())
+    layer = replace(layer, roads=(*layer.roads[:k], *pieces, *layer.roads[k + 1 :]))
+    return build.replace(layers=(*build.layers[:number], layer, *build.layers[number + 1 :]))
+
+
+def _split(layer: Layer, rule: Rule, least_road: float, owed: Owed) -> Layer:
     roads: list[Road] = []
     z = layer.z - layer.height / 2
     for road in layer.roads:
-        path, length = road.path, road.segment_lengths
-        count = np.maximum(np.ceil(length / (_FINE * road.width)), 1).astype(int)
-        owner = np.repeat(np.arange(len(count)), count)
-        step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-        along = path[:-1][owner], np.diff(path, axis=0)[owner]
-        start = along[0] + (step / count[owner])[:, None] * along[1]
-        middle = along[0] + ((step + 0.5) / count[owner])[:, None] * along[1]
-        size = (length / count)[owner]
+        owner, start, size = _steps(road)
+        along = np.diff(road.path, axis=0) / road.segment_lengths[:, None]
+        middle = start + size[:, None] / 2 * along[owner]
         above = rule(np.column_stack([middle, np.full(len(owner), z)]), size)
-        roads += _pieces(road, owner, start, size, above, least_road)
+        roads += _pieces(road, owner, start, size, above, least_road, owed)
     return replace(layer, roads=tuple(roads))
 
 
+def _steps(road: Road) -> tuple[NDArray[np.intp], Floats, Floats]:
+    """A road in steps of half its width: the segment of each, where it begins, (n, 2), and its
+    length, mm.
+    """
+    path, length = road.path, road.segment_lengths
+    count = np.maximum(np.ceil(length / (_FINE * road.width)), 1).astype(int)
+    owner = np.repeat(np.arange(len(count)), count)
+    step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    start = path[:-1][owner] + (step / count[owner])[:, None] * np.diff(path, axis=0)[owner]
+    return owner, start, (length / count)[owner]
+
+
 def _pieces(
-    road: Road, owner: NDArray[np.intp], start: Floats, size: Floats, above: Bools, least: float
+    road: Road,
+    owner: NDArray[np.intp],
+    start: Floats,
+    size: Floats,
+    above: Bools,
+    least: float,
+    owed: Owed,
 ) -> list[Road]:
     """A road cut where `above` changes between the steps that begin at `start`."""
     if not (above != above[0]).any():
@@ -176,9 +250,9 @@ def _pieces(
         first = int(np.flatnonzero(above != np.roll(above, 1))[0])
         owner, size = np.roll(owner, -first), np.roll(size, -first)
         start, above = np.roll(start, -first, 0), np.roll(above, -first)
-    runs = _runs(above, size, shortest_road(road.width, least))
+    runs = runs_of(above, size, shortest_road(road.width, least), owed)
     if len(runs) == 1:
-        return [replace(road, material=int(above[runs[0][0]]))]
+        return [replace(road, material=int(runs[0][2]))]
     end = np.concatenate([start[1:], start[:1] if road.closed else road.path[-1:]])
     made = []
     for first, last, over in runs:
@@ -194,23 +268,3 @@ def _pieces(
             )
         )  # fmt: skip
     return made
-
-
-def _runs(above: Bools, size: Floats, shortest: float) -> list[tuple[int, int, bool]]:
-    """First step, the one beyond the last, and the material of each piece; none too short."""
-    cut = [0, *(np.flatnonzero(np.diff(above)) + 1).tolist(), len(above)]
-    runs = [(a, b, bool(above[a])) for a, b in pairwise(cut)]
-    reach = np.concatenate([[0.0], np.cumsum(size)])
-
-    def length(run: tuple[int, int, bool]) -> float:
-        return float(reach[run[1]] - reach[run[0]])
-
-    while len(runs) > 1:
-        k = min(range(len(runs)), key=lambda k: length(runs[k]))
-        if length(runs[k]) >= shortest:
-            break
-        sides: Sequence[int] = [j for j in (k - 1, k + 1) if 0 <= j < len(runs)]
-        over = runs[max(sides, key=lambda j: length(runs[j]))][2]
-        low, high = min(k, *sides), max(k, *sides)
-        runs[low : high + 1] = [(runs[low][0], runs[high][1], over)]
-    return runs

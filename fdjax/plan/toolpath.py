@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from shapely import MultiPolygon, Polygon, distance, get_precision, points, set_precision
+from shapely import MultiPolygon, Polygon, STRtree, get_precision, points, set_precision
 
 from fdjax.errors import InputError
 from fdjax.road.bead import section_area
@@ -218,7 +218,7 @@ class Layer:
             return np.zeros(len(self.roads), np.intp)
         starts = points([road.xy[0] for road in self.roads])
         outlines = np.array([some.outline for some in self.subdomains])
-        return distance(outlines[:, None], starts).argmin(axis=0)
+        return np.asarray(STRtree(outlines).nearest(np.asarray(starts)), np.intp)
 
     @property
     def travel(self) -> float:

@@ -2,11 +2,10 @@
 
 The road runs round a tree of the lattice's squares of four nodes, out on its one side and back on
 the other: whatever squares a wall takes away, what is left together stays one road that crosses
-itself nowhere. The tree goes on from each square to the nearest along the curve.
+itself nowhere, see `plan.tour_tree`.
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -19,11 +18,10 @@ from fdjax.plan.laid import Laid, shortest_road
 from fdjax.plan.room import Room, Walls
 from fdjax.plan.simplify import simplify_roads
 from fdjax.plan.toolpath import Road
+from fdjax.plan.tour_tree import Nodes, Steps, following
 from fdjax.road.stroke import Curve
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.intp]
-Bools = NDArray[np.bool_]
 
 _HALVES = 10
 """How often the depth of a bay is halved: to a thousandth of a step."""
@@ -61,14 +59,15 @@ def lay_curve(
     >>> road.closed, road.length > 15
     (True, True)
     """
-    _check(curve)
-    walls = Room.of(room).walls(float(curve.width.max()))
+    for level in curve.levels:
+        _check(level)
+    walls = Room.of(room).walls(max(float(level.width.max()) for level in curve.levels))
     shortest = shortest_road(curve.width, least_road + tolerance)
-    steps = _Steps.of(curve.xy, walls)
-    after = _following(curve, steps)
-    _fill(after, steps)
-    bays = _bays(after, curve.xy, walls)
-    roads = [_road(curve, bays, loop) for loop in _loops(after)]
+    steps = [Steps.of(level.xy, walls) for level in curve.levels]
+    nodes, after = following(curve, steps, walls)
+    _fill(after, nodes, steps)
+    bays = _bays(after, nodes, walls)
+    roads = [_road(curve, nodes, bays, loop) for loop in _loops(after)]
     roads = simplify_roads(roads, tolerance=tolerance / 2)
     return Laid.of(roads, shortest, start=start)
 
@@ -79,74 +78,10 @@ def _check(curve: Curve) -> None:
         raise InputError(
             f"curve: {n} x {m} squares need nodes and widths of shape ({2 * n}, {2 * m})"
         )
+    if curve.finer is not None and curve.finer.rank.shape != (2 * n, 2 * m):
+        raise InputError(f"curve: what is finer than {n} x {m} squares has {2 * n} x {2 * m}")
     if not (np.isfinite(curve.width) & (curve.width > 0)).all():
         raise InputError("curve: its widths must be positive")
-
-
-def _free(walls: Walls, a: Floats, b: Floats) -> Bools:
-    """Whether centre lines from a to b, each (..., 2), mm, keep to the free region."""
-    whole = np.isfinite(a).all(-1) & np.isfinite(b).all(-1)
-    ends = np.stack([a, b], -2)
-    ends[~whole] = [[0.0, 0.0], [1.0, 0.0]]
-    return whole & np.asarray(shapely.covers(walls.free, shapely.linestrings(ends)))
-
-
-class _Steps(NamedTuple):
-    """Whether the step from each node to the next along either axis keeps to the free region."""
-
-    along: Bools
-    across: Bools
-
-    @classmethod
-    def of(cls, xy: Floats, walls: Walls) -> "_Steps":
-        return cls(_free(walls, xy[:-1], xy[1:]), _free(walls, xy[:, :-1], xy[:, 1:]))
-
-
-def _following(curve: Curve, steps: _Steps) -> dict[int, int]:
-    """The node that comes after each along the closed roads round the tree, and back; numbered
-    row by row.
-    """
-    along, across = steps
-    whole = along[::2, ::2] & along[::2, 1::2] & across[::2, ::2] & across[1::2, ::2]
-    right = whole[:-1] & whole[1:] & along[1::2, ::2] & along[1::2, 1::2]
-    up = whole[:, :-1] & whole[:, 1:] & across[::2, 1::2] & across[1::2, 1::2]
-    columns = curve.xy.shape[1]
-    after: dict[int, int] = {}
-    for i, j in np.argwhere(whole).tolist():
-        a = 2 * i * columns + 2 * j
-        # Counter-clockwise round the square.
-        ring = (a, a + columns, a + columns + 1, a + 1)
-        after.update(zip(ring, (*ring[1:], ring[0]), strict=True))
-    for (i, j), axis in _tree(curve.rank, right, up):
-        a = 2 * i * columns + 2 * j
-        one = (a + columns, a + columns + 1) if axis == 0 else (a + columns + 1, a + 1)
-        step = columns if axis == 0 else 1
-        # Two rings become one where a side of each gives way to two steps between them.
-        after[one[0]], after[one[1] + step] = one[0] + step, one[1]
-    return after
-
-
-def _tree(rank: Ints, right: Bools, up: Bools) -> Iterator[tuple[tuple[int, int], int]]:
-    """Neighbours to be joined: a least tree of the steps along the curve (Kruskal 1956)."""
-    gaps = [np.abs(np.diff(rank, axis=axis)) for axis in (0, 1)]
-    pairs = [(gaps[axis][i, j], axis, i, j)
-             for axis, allowed in enumerate((right, up))
-             for i, j in np.argwhere(allowed).tolist()]  # fmt: skip
-    group = np.arange(rank.size).tolist()
-
-    def root(square: int) -> int:
-        while group[square] != square:
-            group[square] = group[group[square]]
-            square = group[square]
-        return square
-
-    columns = rank.shape[1]
-    for _, axis, i, j in sorted(pairs):
-        a = i * columns + j
-        one, other = root(a), root(a + (columns if axis == 0 else 1))
-        if one != other:
-            group[one] = other
-            yield (i, j), axis
 
 
 def _loops(after: dict[int, int]) -> Iterator[list[int]]:
@@ -162,31 +97,20 @@ def _loops(after: dict[int, int]) -> Iterator[list[int]]:
         yield loop
 
 
-def _beside(u: int, v: int, shape: tuple[int, int]) -> tuple[int, int] | None:
-    """The nodes to the right of a step from u to v, where the lattice has them."""
-    columns = shape[1]
-    (i, j), (k, n) = divmod(u, columns), divmod(v, columns)
-    across, along = n - j, i - k
-    if not (0 <= i + across < shape[0] and 0 <= j + along < columns):
-        return None
-    aside = across * columns + along
-    return u + aside, v + aside
-
-
-def _fill(after: dict[int, int], steps: _Steps) -> None:
+def _fill(after: dict[int, int], nodes: Nodes, steps: list[Steps]) -> None:
     """Let the road take in pairs of nodes beside it that are free, until none is left."""
-    shape = steps.along.shape[0] + 1, steps.along.shape[1]
 
     def free(a: int, b: int) -> bool:
         a, b = min(a, b), max(a, b)
-        axis = steps.across if b == a + 1 else steps.along
-        return bool(axis[divmod(a, shape[1])])
+        level, i, j = nodes.place(a)
+        axis = steps[level].across if b == a + 1 else steps[level].along
+        return bool(axis[i, j])
 
     waiting = list(after)
     while waiting:
         u = waiting.pop()
         v = after[u]
-        pair = _beside(u, v, shape)
+        pair = nodes.beside(u, v)
         if pair is None or pair[0] in after or pair[1] in after:
             continue
         c, d = pair
@@ -195,13 +119,13 @@ def _fill(after: dict[int, int], steps: _Steps) -> None:
             waiting += [u, c, d]
 
 
-def _bays(after: dict[int, int], xy: Floats, walls: Walls) -> dict[int, Floats]:
+def _bays(after: dict[int, int], nodes: Nodes, walls: Walls) -> dict[int, Floats]:
     """The two points of a bulge between a node and the next, as deep as the wall lets it be."""
-    shape, flat = xy.shape[:2], xy.reshape(-1, 2)
+    flat = nodes.xy
     taken = set(after)
     steps = []
     for u, v in after.items():
-        pair = _beside(u, v, shape)
+        pair = nodes.beside(u, v)
         if pair is None or not taken.isdisjoint(pair) or not np.isfinite(flat[list(pair)]).all():
             continue
         taken.update(pair)
@@ -220,9 +144,9 @@ def _bays(after: dict[int, int], xy: Floats, walls: Walls) -> dict[int, Floats]:
     return {step[0]: end for step, end, keep in zip(steps, ends, deep, strict=True) if keep}
 
 
-def _road(curve: Curve, bays: dict[int, Floats], loop: list[int]) -> Road:
+def _road(curve: Curve, nodes: Nodes, bays: dict[int, Floats], loop: list[int]) -> Road:
     """The road through a loop of nodes, and the bays between them."""
-    xy, width = curve.xy.reshape(-1, 2), curve.width.ravel()
+    xy, width = nodes.xy, nodes.width
     none = np.zeros((0, 2))
     points = np.concatenate([
         part for node in loop for part in (xy[node : node + 1], bays.get(node, none))

@@ -81,6 +81,7 @@ class Curve:
     - `rank`: of each square along the curve, whole numbers, shape (n, m).
     - `width`: at each node, shape (2 n, 2 m), mm.
     - `family`: name of the roads; `material`: number of the material or tool.
+    - `finer`: the same with four squares for each, which has nodes where this has none.
     """
 
     xy: Floats
@@ -88,6 +89,12 @@ class Curve:
     width: Floats
     family: str
     material: int = 0
+    finer: "Curve | None" = None
+
+    @property
+    def levels(self) -> "list[Curve]":
+        """This and what is finer, each a curve of its own."""
+        return [self, *(self.finer.levels if self.finer is not None else ())]
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,11 +36,14 @@ def test_a_split_function_is_met_by_volume_in_both_files(tmp_path):
         assert found["got"] == pytest.approx(found["asked"], abs=0.01)
         assert found["changes"] <= 4
         build = read_file(tmp_path / name, machine=facts["machine"])
+        wrong = 0.0
         for layer in build.layers:
             for road in layer.roads:
-                over = road.path.sum(1) - 15
-                # But for half a road's width, and turns along the walls.
-                assert np.median(over if road.material else -over) > -0.3
+                over = (road.path[1:] + road.path[:-1]).sum(1) / 2 - 15
+                # But for half a road's width, and what short pieces grow by.
+                beyond = (over if road.material else -over) < -0.3
+                wrong += road.segment_volumes(layer.height)[beyond].sum()
+        assert wrong < 0.01 * build.volume
     assert "of the volume is the second" in table
 
 
@@ -61,7 +64,6 @@ def test_a_picture_is_looked_up_at_the_centre_of_each_road(tmp_path):
         ({"function": "x", "share": 0.5}, "exactly one of"),
         ({"split": True}, "needs one of function, image, share"),
         ({"function": "x", "tools": [1, 1]}, "both are 1"),
-        ({"share": 0.5, "split": True}, "a share draws whole roads"),
         ({"share": 0.5, "unit": "in"}, "unit is for a function"),
         ({"function": "x", "seed": 3}, "seed is for a share"),
         ({"function": "x +"}, "syntax error"),

@@ -5,15 +5,19 @@ import numpy as np
 import pytest
 import shapely
 from outlines import OUTLINES
+from slopes import assert_slopes
 
+from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.optimise.design import design
+from fdjax.optimise.objective import Objective
 from fdjax.part.part import Part
 from fdjax.pattern.curve_order import NAMES, rank
 from fdjax.pattern.curves import Curves
 from fdjax.plan.compare import compare
 from fdjax.plan.measure import measure
 from fdjax.plan.trace import lay
+from fdjax.road.window import SoftWindows
 from fdjax.target.target import expression
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
@@ -31,6 +35,48 @@ def test_the_deposit_is_what_a_plan_lays(name, turned):
     build = lay(pattern.strokes(pattern.first), part, lift_length=4.0, least_road=1.0)
     assert build.volume == pytest.approx(modelled, rel=0.015)
     assert [len(layer.roads) for layer in build.layers] == [1] * 10
+
+
+@pytest.mark.parametrize("depths", [1, 2])
+def test_halved_steps_lay_what_the_model_has(depths):
+    part = Part.plate(OUTLINES["disc"](), layers=10, height=0.2)
+    target = expression("0.5 - 0.4*min(1, hypot(x - 40, y - 40)/40)", quantity="solid")
+    pattern = Curves(depths=depths).begin(part, target, MARLIN.limits, 5.0)
+    realised = jax.jit(lambda p: p.realise(p.first))(pattern)
+    inside = np.asarray(pattern.room.area[0, ..., 0]) > 0
+    assert np.asarray(realised.times)[..., 0][inside].max() > 1.9
+    modelled = float(pattern.deposit(realised).volume.sum())
+    build = lay(pattern.strokes(pattern.first), part, lift_length=4.0, least_road=1.0)
+    assert build.volume == pytest.approx(modelled, rel=0.02)
+    assert [len(layer.roads) for layer in build.layers] == [1] * 10
+    facts = pattern.facts(pattern.first)
+    assert facts["depths"] == depths
+    shortest = min(road.segment_lengths.min() for layer in build.layers for road in layer.roads)
+    assert shortest < facts["gap"]
+
+
+def test_gradients_of_the_depth_agree_with_central_differences():
+    disc = shapely.Point(20, 20).buffer(20, quad_segs=24)
+    part = Part.plate(disc.difference(disc.buffer(-14)), layers=10, height=0.2)
+    target = expression("0.2 + 0.25*x/40", quantity="solid")
+    pattern = Curves(depths=2, knots=(8, 9)).begin(part, target, MARLIN.limits, 5.0)
+    windows = SoftWindows.over(part, target.solid, 5.0, flat=True)
+    assert_slopes(Objective(pattern, windows, target, MARLIN.limits))
+
+
+def test_even_targets_are_left_to_the_chart():
+    part = Part.plate(OUTLINES["disc"](), layers=10, height=0.2)
+    for solid, depths in (("0.3", 0), ("0.15 + 0.3*x/80", 1)):
+        target = expression(solid, quantity="solid")
+        pattern = Curves().begin(part, target, MARLIN.limits, 5.0)
+        assert (pattern.finest, pattern.first.times is None) == (2.0**depths, not depths)
+
+
+def test_steps_under_a_roads_width_are_refused():
+    part = Part.plate(shapely.box(0, 0, 20, 20), layers=2, height=0.2)
+    target = expression("0.95", quantity="solid")
+    with pytest.raises(InputError, match=r"machine \(0\.376 mm apart is less than 0\.4\); change"):
+        Curves().begin(part, target, MARLIN.limits, 5.0)
 
 
 def test_turned_layers_are_the_drawing_turned_in_its_plane():

@@ -14,6 +14,7 @@ from fdjax.part.part import Part
 from fdjax.part.region import Region
 from fdjax.pattern import subdomains
 from fdjax.pattern.raster_paths import contours, raster
+from fdjax.pattern.raster_pattern import Fill
 from fdjax.pattern.rasters import Rasters
 from fdjax.plan.check import check
 from fdjax.plan.measure import solid_shares
@@ -218,3 +219,17 @@ def test_a_job_says_what_is_wrong(pattern, words):
     }
     with pytest.raises(InputError, match=words):
         config.parse(table)
+
+
+def test_an_air_gap_is_found_in_a_few_looks(monkeypatch):
+    looks = []
+    length = Fill.length
+    monkeypatch.setattr(Fill, "length", lambda fill, way: looks.append(way) or length(fill, way))
+    part = Part.plate(shapely.box(0, 0, 30, 30), layers=10, height=0.2)
+    pattern = Rasters(domains={"grid": (6, 6)}, perimeters=0, angles=(0.0, 30.0)).begin(
+        part, expression("0.25 + 0.2*x/30", quantity="solid"), MARLIN.limits, 5.0
+    )
+    assert len(looks) <= 36 * 10 * 20
+    for fill in pattern.fills:
+        held = sum(fill.length(way) for way in pattern.ways) * float(section_area(fill.laid, 0.2))
+        assert held == pytest.approx(fill.asked * fill.outline.area * 2.0, rel=1e-6)

@@ -54,11 +54,32 @@ def test_split_roads_hold_their_volume_and_change_at_the_line():
     assert changes(made) == 2
 
 
-def test_a_piece_too_short_to_lay_takes_its_neighbours_material():
-    narrow = ByPlace(lambda x, y, z: 0.4 - abs(x - 10.0))
-    (road,) = assigned(build_of([line(0, 20, 5)]), narrow, (0, 1), split=True).layers[0].roads
-    assert road.material == 0
-    assert road.length == pytest.approx(20)
+def test_a_piece_too_short_to_lay_takes_its_neighbours_material_or_grows():
+    def laid(half):
+        narrow = ByPlace(lambda x, y, z: half - abs(x - 10.0))
+        made = assigned(build_of([line(0, 20, 5)]), narrow, (0, 1), split=True)
+        return sorted(
+            (road.xy[:, 0].min(), road.length, road.material) for road in made.layers[0].roads
+        )
+
+    assert laid(0.2) == [pytest.approx((0, 20, 0))]
+    # Of three widths it is nearer to what is asked than of none.
+    assert laid(0.4) == [
+        pytest.approx(each) for each in ((0, 9.4, 0), (9.4, 1.2, 1), (10.6, 9.4, 0))
+    ]
+
+
+@pytest.mark.parametrize("bias", [-0.4, 0.0, 0.2])
+def test_many_pieces_too_short_keep_their_share(bias):
+    rule = ByPlace(lambda x, y, z: np.sin(2.7 * x + y) + bias)
+    build = build_of(*[[line(0, 20, k / 2) for k in range(1, 30)]] * 3)
+    made = assigned(build, rule, (0, 1), split=True, least_road=3.3)
+    roads = [road for layer in made.layers for road in layer.roads]
+    assert min(road.length for road in roads) > 3.3 - 1e-6
+    second = sum(road.length for road in roads if road.material) / (3 * 29 * 20)
+    x, y = np.meshgrid((np.arange(4000) + 0.5) / 200, np.arange(1, 30) / 2)
+    asked = (np.sin(2.7 * x + y) + bias >= 0).mean()
+    assert second == pytest.approx(asked, abs=0.003)
 
 
 def test_layers_alternate_which_comes_first():
@@ -78,7 +99,32 @@ def test_chance_meets_its_share_and_repeats_with_its_seed():
     for m in made:
         _, volumes = centres(m)
         second = np.array([road.material == 1 for road in m.layers[0].roads])
-        assert volumes[second].sum() / m.volume == pytest.approx(0.3, abs=0.02)
+        assert volumes[second].sum() / m.volume == pytest.approx(0.3, abs=0.002)
+
+
+def test_a_few_long_roads_meet_a_share_as_well_as_they_can():
+    lengths = [18.0, 17, 16, 15, 9, 8, 7, 6, 3, 1]
+    build = build_of(*[[line(0, length, 5)] for length in lengths])
+    for seed in range(10):
+        made = assigned(build, ByChance(0.3, seed), (0, 1))
+        second = sum(layer.volume for layer in made.layers if layer.roads[0].material)
+        assert second / made.volume == pytest.approx(0.3, abs=0.002)
+        assert changes(made) <= len(lengths)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.55, 0.98])
+@pytest.mark.parametrize("closed", [False, True])
+def test_one_road_of_a_share_is_cut_if_asked(share, closed):
+    road = ring(10, 10, 8) if closed else line(0, 20, 5)
+    build = build_of([road], [road])
+    made = assigned(build, ByChance(share, 0), (0, 1), split=True, least_road=0.5)
+    roads = [road for layer in made.layers for road in layer.roads]
+    second = sum(road.length for road in roads if road.material)
+    # To half a road's width, and no piece shorter than three.
+    assert second == pytest.approx(share * 2 * road.length, abs=0.2 + 1.2 * (share in (0.02, 0.98)))
+    assert made.volume == pytest.approx(build.volume, rel=1e-9)
+    assert len(roads) <= 3
+    assert changes(made) <= 2
 
 
 def test_a_function_that_is_not_finite_is_an_error_with_the_place():
