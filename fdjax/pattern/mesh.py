@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 
 from fdjax.errors import InputError
-from fdjax.keys import choice, choices, key, pair, whole
+from fdjax.keys import FLAG, choice, choices, key, pair, whole
 from fdjax.limits import Limits
 from fdjax.mesh.dual import centre_points, circumcentres
 from fdjax.mesh.given import DIAGONALS, Given
@@ -93,6 +93,9 @@ class Mesh(AbstractSettings):
         choice(*DIAGONALS), "along which quads are split: (0, 0) to (1, 1), the other, or in turn",
         default="alternating",
     )  # fmt: skip
+    walls: bool = key(
+        FLAG, "of edges: a closed road along each wall, at which they end", default=False
+    )
     phases: int = key(
         whole(1, 100), "meshes that follow each other over the layers, where these are alike",
         default=5,
@@ -112,6 +115,8 @@ class Mesh(AbstractSettings):
             raise InputError(f'cells: "{self.cells}" is not one of {", ".join(CELLS)}')
         if self.quads is not None and (self.mesh is not None or self.through is None):
             raise InputError("quads: they are of a map; give through, and no mesh")
+        if self.walls and self.laid == "polygons":
+            raise InputError("walls: polygons have a road along each wall anyway")
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> MeshPattern:
         """Meshes as fine as the target asks, relaxed.
@@ -123,15 +128,18 @@ class Mesh(AbstractSettings):
         flat = target.is_flat_over(part)
         phases = self.phases if self.mesh is None else len(self.mesh)
         sheets = list(_sheets(part, CELLS[self.cells], phases, flat))
-        rooms = {region: region.inset(self.road_width / 2) for region in part.regions}
+        margin = self.road_width * (1.5 if self.walls else 0.5)
+        rooms = {region: region.inset(margin) for region in part.regions}
         stacks = _stacks(sheets)
         rim = _NONE
         if self.laid == "polygons":
             rim = rim_of(part, target, self.road_width, flat=flat)
+        elif self.walls:
+            rim = rim_of(part, None, self.road_width, flat=flat)
         begun = [
             _trimmed(each, rooms[stack.region])
             for each, stack in zip(
-                self._begun(stacks, part, target, flat, rim), stacks, strict=True
+                self._begun(stacks, part, target, flat, rim, window), stacks, strict=True
             )
         ]
         meshes = [each.mesh for each in begun]
@@ -184,11 +192,18 @@ class Mesh(AbstractSettings):
             rim=jax.tree.map(jnp.asarray, rim),
             kind=self.cells,
             polygons=self.laid == "polygons",
+            ringed=self.walls,
             notes=tuple(note for each in self.mesh or () for note in each.notes),
         )
 
     def _begun(
-        self, stacks: list[Stack], part: Part, target: Target, flat: bool, rim: Points
+        self,
+        stacks: list[Stack],
+        part: Part,
+        target: Target,
+        flat: bool,
+        rim: Points,
+        window: float,
     ) -> list[Begun]:
         """The mesh of each stack."""
         chart = Chart.of(self.through, part, target, self.road_width) if self.through else None
@@ -200,7 +215,13 @@ class Mesh(AbstractSettings):
         else:
             polygons = self.laid == "polygons"
             fields = fields_of(
-                stacks, target, self.road_width, flat=flat, rim=rim, polygons=polygons
+                stacks,
+                target,
+                self.road_width,
+                flat=flat,
+                rim=rim,
+                polygons=polygons,
+                window=window,
             )
             meshes = [relaxed(field, k * _GOLDEN % 1) for k, field in enumerate(fields)]
             some = [

@@ -18,11 +18,14 @@ from fdjax.mesh.triangulation import Triangulation
 from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.coarse import Lattice
 from fdjax.road.deposit import Points
-from fdjax.road.stroke import Graph, Polygons
+from fdjax.road.stroke import Graph, Polygons, Rings, Stroke
 from fdjax.road.wall_distance import WallDistance, inside
 
 FAMILY = "mesh"
 """The name that its roads carry."""
+
+RING = "wall"
+"""The name of those along the walls."""
 
 LEAST_ANGLE = 17.0
 """Of a triangle that is made for a target, degrees: nodes come no nearer to folding it."""
@@ -109,9 +112,10 @@ class MeshPattern(AbstractPattern):
     - `dual`: "centre" or "voronoi" points in the triangles.
     - `sheets`: first edge of each sheet and the one beyond its last; layer k holds sheet k modulo
       their number.
-    - `rim`: of polygons, the roads along the walls.
+    - `rim`: of polygons, the roads along the walls, and those that are laid there as such.
     - `kind`: what is laid, as the settings name it; `polygons`: whether faces are laid and not
-      edges; `notes`: what was found in given meshes, in words.
+      edges; `ringed`: whether a road is laid along each wall; `notes`: what was found
+      in given meshes, in words.
     """
 
     first: Array
@@ -132,6 +136,7 @@ class MeshPattern(AbstractPattern):
     layers: int = eqx.field(static=True)
     kind: str = eqx.field(static=True)
     polygons: bool = eqx.field(static=True)
+    ringed: bool = eqx.field(static=True)
     notes: tuple[str, ...] = eqx.field(static=True)
 
     def controls(self) -> Array:
@@ -239,17 +244,20 @@ class MeshPattern(AbstractPattern):
         width = jnp.asarray(self.width)
         return width, width
 
-    def strokes(self, controls: Array) -> Iterator[Sequence[Graph]]:
+    def strokes(self, controls: Array) -> Iterator[Sequence[Stroke]]:
         xy = np.asarray(self.nodes(controls))
         ends = np.asarray(self.edges.nodes)
         sheets = [self._sheet(xy, ends[first:last]) for first, last in self.sheets]
         for layer in range(self.layers):
             yield sheets[layer % len(sheets)]
 
-    def _sheet(self, xy: np.ndarray, edges: np.ndarray) -> list[Graph]:
+    def _sheet(self, xy: np.ndarray, edges: np.ndarray) -> list[Stroke]:
         nodes, number = np.unique(edges, return_inverse=True)
         kind = Polygons if self.polygons else Graph
-        return [kind(xy[nodes], number.reshape(-1, 2), np.full(len(edges), self.width), FAMILY)]
+        width = np.full(len(edges), self.width)
+        margin = self.width if self.ringed else 0.0
+        graph = kind(xy[nodes], number.reshape(-1, 2), width, FAMILY, margin=margin)
+        return [Rings(self.width, RING), graph] if self.ringed else [graph]
 
     def facts(self, controls: Array) -> dict[str, Any]:
         """Meshes, their cells, angles and the lengths of their edges inside."""

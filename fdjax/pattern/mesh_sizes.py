@@ -39,11 +39,19 @@ class Stack(NamedTuple):
 
 
 def fields_of(
-    stacks: list[Stack], target: Target, width: float, *, flat: bool, rim: Points, polygons: bool
+    stacks: list[Stack],
+    target: Target,
+    width: float,
+    *,
+    flat: bool,
+    rim: Points,
+    polygons: bool,
+    window: float,
 ) -> list[SizeField]:
     """The size of the cells of each mesh, mm, for roads of a width, mm."""
-    if len(rim.volume):
+    if polygons:
         target = _less(target, rim, stacks)
+    ringed = bool(len(rim.volume)) and not polygons
     fields: list[SizeField] = []
     for stack in stacks[:1] if flat else stacks:
         length = sum(
@@ -53,6 +61,8 @@ def fields_of(
 
         def size(x: Any, y: Any, stack: Stack = stack, length: float = length) -> np.ndarray:
             solid = np.asarray(target.solid(x, y, stack.z))
+            if ringed:
+                solid = _beside(stack, solid, x, y, width, window)
             with np.errstate(divide="ignore"):
                 if polygons:
                     return _of_polygons(stack, solid, length, width)
@@ -96,8 +106,23 @@ def _of_polygons(stack: Stack, solid: np.ndarray, length: float, width: float) -
     return twice / (length - np.sqrt(left))
 
 
-def rim_of(part: Part, target: Target, width: float, *, flat: bool) -> Points:
-    """The roads that polygons have along the walls, of a width, mm."""
+def _beside(
+    stack: Stack, solid: np.ndarray, x: Any, y: Any, width: float, window: float
+) -> np.ndarray:
+    """The solid share that is left for edges beside a road along the walls.
+
+    What the road holds is taken off within a window of it, most of it near the wall, and nowhere
+    more than half of what is asked.
+    """
+    wall = stack.region.geometry.boundary
+    shapely.prepare(wall)
+    away = np.minimum(shapely.distance(wall, shapely.points(x, y)) / window, 1)
+    section = sum(section_area(width, slab.height) for slab in stack.slabs) / stack.height
+    return np.maximum(solid - 2 * (1 - away) * section / window, solid / 2)
+
+
+def rim_of(part: Part, target: Target | None, width: float, *, flat: bool) -> Points:
+    """The roads along the walls, of a width, mm: whole, or those of polygons of a target."""
     places, volumes = [np.zeros((0, 3))], [np.zeros(0)]
     middles = np.full(len(part.slabs), part.height / 2) if flat else part.middles
     for slab, z in zip(part.slabs, middles, strict=True):
@@ -109,6 +134,9 @@ def rim_of(part: Part, target: Target, width: float, *, flat: bool) -> Points:
             at = shapely.line_interpolate_point(ring, share, normalized=True)
             xy = shapely.get_coordinates(at)
             places.append(np.column_stack([xy, np.full(count, z)]))
+            if target is None:
+                volumes.append(np.full(count, section * ring.length / count))
+                continue
             solid = np.asarray(target.solid(xy[:, 0], xy[:, 1], z))
             # It is open by a width where an edge meets the wall: 2 / pi of their density.
             packed = 1 - width * slab.height * solid / section

@@ -156,7 +156,7 @@ class Chart:
         square = lattice(counts, diagonal, beyond=1)
         moved = square.xy + phase / np.array(counts)
         inside = ((moved >= 0) & (moved <= 1))[square.triangles].all((1, 2))
-        kept = np.ones(len(inside), bool)
+        kept = np.ones(len(square.triangles), bool)
         if self.domain.closed:
             around = square.xy[square.triangles][..., 1].mean(1)
             kept = (around > 0) & (around < 1)
