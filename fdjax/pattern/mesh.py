@@ -101,9 +101,9 @@ class Mesh(AbstractSettings):
         default=5,
     )  # fmt: skip
     road_width: float = road_width_key()
-    corrections: int = key(
-        whole(0, 10), "times that what the plan lays beside the model is made up for", default=2,
-        table="design",
+    corrections: int | None = key(  # pyright: ignore[reportIncompatibleVariableOverride]
+        whole(0, 10), "times that what the plan lays beside the model is made up for", default=None,
+        shown="2, of Voronoi duals 8", table="design",
     )  # fmt: skip
     controls: tuple[str, ...] = key(
         choices("nodes", least=0), "what the design may change: the meshes' nodes",
@@ -113,6 +113,10 @@ class Mesh(AbstractSettings):
     def __post_init__(self) -> None:
         if self.cells not in CELLS:
             raise InputError(f'cells: "{self.cells}" is not one of {", ".join(CELLS)}')
+        if self.corrections is None:
+            # Nodes of blunt triangles are held back; which these are is looked at anew each time.
+            often = 8 if "voronoi" in CELLS[self.cells] else 2
+            object.__setattr__(self, "corrections", often)
         if self.quads is not None and (self.mesh is not None or self.through is None):
             raise InputError("quads: they are of a map; give through, and no mesh")
         if self.walls and self.laid == "polygons":

@@ -35,7 +35,7 @@ _STIFF = 10.0
 turned over."""
 
 
-_PATIENCE = {"centre": 0.1, "voronoi": 0.01}
+_PATIENCE = {"centre": 0.1, "voronoi": 0.04}
 """A window with sharp edges differs from a soft one by more than what a longer design gains; but
 Voronoi's points come along slowly."""
 
