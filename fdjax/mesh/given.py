@@ -26,9 +26,6 @@ _FLAT = 1e-6
 _CLOSE = 1e-9
 """Nodes nearer to each other than this share of a mesh's size are one."""
 
-_REACH = 0.3
-"""Share of the height of a triangle at the rim that the one beyond it has."""
-
 
 @dataclass(frozen=True, eq=False)
 class Given:
@@ -199,7 +196,7 @@ def lattice(counts: tuple[int, int], diagonal: str, *, beyond: int = 0) -> Trian
 
 
 def fringed(mesh: Triangulation) -> Triangulation:
-    """The mesh with a low triangle beyond each side of its rim.
+    """The mesh with the mirror image of the triangle beyond each side of its rim.
 
     So the sides of the rim are laid where they are inside a part, and the edges of a dual reach
     them.
@@ -211,10 +208,9 @@ def fringed(mesh: Triangulation) -> Triangulation:
     a, b = np.where((left >= 0)[:, None], mesh.edges[rim], mesh.edges[rim, ::-1]).T
     c = mesh.triangles[own].sum(1) - a - b
     along = mesh.xy[b] - mesh.xy[a]
-    out = np.stack([along[:, 1], -along[:, 0]], 1) / (along**2).sum(1)[:, None]
-    away = ((mesh.xy[c] - mesh.xy[a]) * out).sum(1) * (along**2).sum(1) / np.hypot(*along.T)
-    unit = out * np.hypot(*along.T)[:, None]
-    tip = (mesh.xy[a] + mesh.xy[b]) / 2 - _REACH * away[:, None] * unit
+    inward = np.stack([-along[:, 1], along[:, 0]], 1)
+    height = ((mesh.xy[c] - mesh.xy[a]) * inward).sum(1) / (along**2).sum(1)
+    tip = mesh.xy[c] - 2 * height[:, None] * inward
     new = len(mesh.xy) + np.arange(len(a))
     return Triangulation(
         np.concatenate([mesh.xy, tip]),

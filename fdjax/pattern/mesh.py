@@ -55,6 +55,9 @@ _COARSE = (2, 4, 8, 16)
 _KEPT = 0.9
 """Angles and edges of a given mesh that are less than others may be may shrink by this share."""
 
+_CROSSED = 1e-9
+"""Share of a side's length by which rounding may have a Voronoi edge turned over."""
+
 _NONE = Points(np.zeros((0, 3)), np.zeros(0))
 
 _GOLDEN = 0.6180339887498949
@@ -167,6 +170,8 @@ class Mesh(AbstractSettings):
         )
         points = POINTS.get(dual, centre_points)
         graph = np.concatenate([nodes, points(nodes, triangles.nodes)])
+        if dual == "voronoi":
+            _check_delaunay(nodes, graph, edges, shapely.union_all(list(rooms.values())))
         length = np.hypot(*np.diff(graph[edges.nodes], axis=1)[:, 0].T)
         made = self.mesh is None and self.through is None
         angles = np.concatenate([mesh.angles.min(1) for mesh in meshes])
@@ -291,6 +296,25 @@ def _stacks(sheets: list[_Sheet]) -> list[Stack]:
         kinds = tuple(sheet.kind for sheet in own for _ in sheet.slabs)
         found.append(Stack(slabs, kinds, own[0].z))
     return found
+
+
+def _check_delaunay(
+    nodes: np.ndarray, graph: np.ndarray, edges: Edges, room: shapely.Geometry
+) -> None:
+    """Raise `InputError` where the two ends of a Voronoi edge in the room have changed places."""
+    over = np.diff(nodes[edges.sides], axis=1)[:, 0]
+    ends = graph[edges.nodes]
+    along = ends[:, 1] - ends[:, 0]
+    order = over[:, 0] * along[:, 1] - over[:, 1] * along[:, 0]
+    wrong = (order < -_CROSSED * (over**2).sum(1)) & (edges.nodes[:, 0] >= len(nodes))
+    wrong &= shapely.contains_xy(room, *ends.mean(1).T)
+    if wrong.any():
+        x, y = nodes[edges.sides[wrong][0]].mean(0)
+        raise InputError(
+            f"cells: {wrong.sum()} sides of the mesh, the first at ({x:.4g}, {y:.4g}) mm, are not "
+            "those of a Delaunay triangulation, so Voronoi's polygons would cross; use the "
+            "centre-dual"
+        )
 
 
 def _check_within(meshes: list[Triangulation], rooms: dict[Region, Any]) -> None:

@@ -128,6 +128,23 @@ def test_a_given_mesh_keeps_what_it_has_of_angles():
     assert max(float(each.max()) for each in broken.values()) < 0
 
 
+def test_the_voronoi_dual_of_a_mesh_that_is_none_of_delaunay_is_refused():
+    mesh = lattice((4, 4), "rising")
+    sheared = mesh.xy @ [[1, 0], [0.9, 1]]
+    outline = shapely.MultiPoint(40 * sheared).convex_hull
+    with pytest.raises(InputError, match=r"sides of the mesh, the first at .* centre-dual"):
+        begun(outline, mesh=(Given.of(40 * sheared, mesh.triangles),), cells="voronoi-dual")
+    even = mesh.xy @ [[1, 0], [-0.5, np.sqrt(3) / 2]]
+    outline = shapely.MultiPoint(40 * even).convex_hull
+    given_even = (Given.of(40 * even, mesh.triangles),)
+    voronoi, centre = (
+        begun(outline, mesh=given_even, cells=f"{kind}-dual")[1] for kind in ("voronoi", "centre")
+    )
+    inner = len(mesh.xy) + np.arange(8)
+    both = [np.asarray(each.nodes(each.first))[inner] for each in (voronoi, centre)]
+    assert both[0] == pytest.approx(both[1])
+
+
 def test_a_mesh_beside_the_part_is_refused():
     mesh = lattice((4, 4), "rising")
     with pytest.raises(InputError, match=r"none of its triangles lies in the part, which reaches"):
