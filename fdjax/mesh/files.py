@@ -43,7 +43,7 @@ def read_mesh(path: Path, *, unit: float = 1.0) -> Given:
             mesh = meshio.read(path)
     except (Exception, SystemExit) as fault:
         why = said.getvalue() if isinstance(fault, SystemExit) else str(fault)
-        why = " ".join(why.split()).removeprefix("Error: ") or type(fault).__name__
+        why = next(iter(why.strip().splitlines()), type(fault).__name__).removeprefix("Error: ")
         raise InputError(f"{path}: is no mesh that can be read: {why}") from None
     points = np.asarray(mesh.points, float) * unit
     if points.ndim != 2 or points.shape[1] not in (2, 3):
