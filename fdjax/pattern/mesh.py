@@ -116,6 +116,8 @@ class Mesh(AbstractSettings):
     def __post_init__(self) -> None:
         if self.cells not in CELLS:
             raise InputError(f'cells: "{self.cells}" is not one of {", ".join(CELLS)}')
+        if not self.controls:
+            object.__setattr__(self, "corrections", 0)
         if self.corrections is None:
             # Nodes of blunt triangles are held back; which these are is looked at anew each time.
             often = 8 if "voronoi" in CELLS[self.cells] else 2

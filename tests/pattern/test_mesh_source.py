@@ -128,6 +128,12 @@ def test_a_given_mesh_keeps_what_it_has_of_angles():
     assert max(float(each.max()) for each in broken.values()) < 0
 
 
+def test_what_is_not_designed_is_not_corrected_either():
+    assert Mesh(mesh=given(), controls=(), corrections=3).corrections == 0
+    assert (Mesh().corrections, Mesh(cells="voronoi-dual").corrections) == (2, 8)
+    assert Mesh(corrections=1).corrections == 1
+
+
 def test_the_voronoi_dual_of_a_mesh_that_is_none_of_delaunay_is_refused():
     mesh = lattice((4, 4), "rising")
     sheared = mesh.xy @ [[1, 0], [0.9, 1]]
