@@ -23,6 +23,8 @@ _HOMES = {
     "MapLines": "pattern.map_lines",
     "Multiblock": "pattern.block_lines",
     "Mesh": "pattern.mesh",
+    "GivenMesh": "mesh.given:Given",
+    "read_mesh": "mesh.files",
     "lay": "plan.trace",
     "trim": "plan.trace",
     "cut_corners": "plan.corners",

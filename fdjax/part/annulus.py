@@ -95,6 +95,8 @@ def _by_angle(ring: LinearRing, middle: Floats) -> Curve | None:
     """The ring from the ray along x on, over the angle; None where a ray meets it twice."""
     xy = np.asarray(ring.coords)[:-1, :2] - middle
     angle = np.arctan2(*xy.T[::-1]) % (2 * np.pi)
+    # Just below 0, by rounding, is 0 and not a whole turn.
+    angle[angle > 2 * np.pi - 1e-9] = 0.0
     first = int(np.argmin(angle))
     xy, angle = np.roll(xy, -first, 0), np.roll(angle, -first)
     if not (np.diff(angle) > 1e-9).all() or not Polygon(ring).covers(shapely.Point(middle)):

@@ -1,8 +1,6 @@
 """Meshes as roads: what a user says of them, and how they begin.
 
-Triangulations whose cells are as large as the target asks, by the relation of the ideal mesh: the
-length of edges an area is 2 sqrt(3) / a of triangles with side a, and 2 / a of their dual, the
-honeycomb.
+Triangulations whose cells are as large as the target asks, that are given, or drawn in a chart.
 """
 
 from collections.abc import Iterator
@@ -16,16 +14,18 @@ import numpy as np
 import shapely
 
 from fdjax.errors import InputError
-from fdjax.keys import choice, choices, key, whole
+from fdjax.keys import FLAG, choice, choices, key, pair, whole
 from fdjax.limits import Limits
 from fdjax.mesh.dual import centre_points, circumcentres
-from fdjax.mesh.size import MOST_CELLS, SizeField
+from fdjax.mesh.given import DIAGONALS, Given
 from fdjax.mesh.triangulation import Triangulation, relaxed
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
 from fdjax.pattern.base import AbstractSettings, road_width_key
 from fdjax.pattern.coarse import Lattice
-from fdjax.pattern.mesh_pattern import Cells, Edges, MeshPattern, Pieces
+from fdjax.pattern.mesh_pattern import LEAST_ANGLE, Cells, Edges, MeshPattern, Pieces
+from fdjax.pattern.mesh_sizes import Stack, fields_of, rim_of
+from fdjax.pattern.mesh_source import CHARTS, MESHES, Begun, Chart, of_given, of_quads
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.wall_distance import WallDistance
@@ -43,9 +43,6 @@ CELLS = {
 POINTS = {"centre": centre_points, "voronoi": circumcentres}
 """Nodes of the duals, from those of a triangulation and its triangles."""
 
-LENGTH = {"triangles": 2 * np.sqrt(3), "centre": 2.0, "voronoi": 2.0}
-"""Length of edges an area, times the distance of the triangulation's nodes, of the ideal mesh."""
-
 _PIECES = 3
 """Pieces of an edge to a window's side, at least."""
 
@@ -54,6 +51,14 @@ _WALL_STEPS = 16
 
 _COARSE = (2, 4, 8, 16)
 """Cells along the part of the lattices by which nodes step together."""
+
+_KEPT = 0.9
+"""Angles and edges of a given mesh that are less than others may be may shrink by this share."""
+
+_CROSSED = 1e-9
+"""Share of a side's length by which rounding may have a Voronoi edge turned over."""
+
+_NONE = Points(np.zeros((0, 3)), np.zeros(0))
 
 _GOLDEN = 0.6180339887498949
 """Multiples of it begin the meshes' sequences far from each other."""
@@ -75,14 +80,33 @@ class Mesh(AbstractSettings):
         choice("edges", "polygons"), "each edge once, or each polygon as a closed road inside its "
         "edges", default="edges",
     )  # fmt: skip
+    mesh: tuple[Given, ...] | None = key(
+        MESHES, "meshes that are laid in place of ones made for the target, in mm unless they say; "
+        "several follow each other over the layers", default=None, shown="-",
+    )  # fmt: skip
+    through: str | None = key(
+        choice(*CHARTS), "map of the unit square through which `mesh` is drawn, or else quads, "
+        "each split in two", default=None, shown="-",
+    )  # fmt: skip
+    quads: tuple[int, int] | None = key(
+        pair(whole(2, 2000)), "quads along xi and along eta of the map", default=None,
+        shown="chosen",
+    )  # fmt: skip
+    diagonal: str = key(
+        choice(*DIAGONALS), "along which quads are split: (0, 0) to (1, 1), the other, or in turn",
+        default="alternating",
+    )  # fmt: skip
+    walls: bool = key(
+        FLAG, "of edges: a closed road along each wall, at which they end", default=False
+    )
     phases: int = key(
         whole(1, 100), "meshes that follow each other over the layers, where these are alike",
         default=5,
     )  # fmt: skip
     road_width: float = road_width_key()
-    corrections: int = key(
-        whole(0, 10), "times that what the plan lays beside the model is made up for", default=2,
-        table="design",
+    corrections: int | None = key(  # pyright: ignore[reportIncompatibleVariableOverride]
+        whole(0, 10), "times that what the plan lays beside the model is made up for", default=None,
+        shown="2, of Voronoi duals 8", table="design",
     )  # fmt: skip
     controls: tuple[str, ...] = key(
         choices("nodes", least=0), "what the design may change: the meshes' nodes",
@@ -92,29 +116,48 @@ class Mesh(AbstractSettings):
     def __post_init__(self) -> None:
         if self.cells not in CELLS:
             raise InputError(f'cells: "{self.cells}" is not one of {", ".join(CELLS)}')
+        if not self.controls:
+            object.__setattr__(self, "corrections", 0)
+        if self.corrections is None:
+            # Nodes of blunt triangles are held back; which these are is looked at anew each time.
+            often = 8 if "voronoi" in CELLS[self.cells] else 2
+            object.__setattr__(self, "corrections", often)
+        if self.quads is not None and (self.mesh is not None or self.through is None):
+            raise InputError("quads: they are of a map; give through, and no mesh")
+        if self.walls and self.laid == "polygons":
+            raise InputError("walls: polygons have a road along each wall anyway")
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> MeshPattern:
         """Meshes as fine as the target asks, relaxed.
 
         Raises `InputError` for a target without material somewhere or with cells that are too
-        large or too many, and for a region with no room for a road.
+        large or too many, and for a region with no room for a road; and for meshes that are given
+        and do not lie in the part, or fold.
         """
         flat = target.is_flat_over(part)
-        sheets = list(_sheets(part, CELLS[self.cells], self.phases, flat))
-        rooms = {region: region.inset(self.road_width / 2) for region in part.regions}
+        phases = self.phases if self.mesh is None else len(self.mesh)
+        sheets = list(_sheets(part, CELLS[self.cells], phases, flat))
+        margin = self.road_width * (1.5 if self.walls else 0.5)
+        rooms = {region: region.inset(margin) for region in part.regions}
         stacks = _stacks(sheets)
-        rim = self._rim(part, target, flat)
-        fields = self._fields(stacks, target, flat, rim)
-        meshes = [
-            _trimmed(relaxed(field, k * _GOLDEN % 1), field, rooms[stack.region])
-            for k, (field, stack) in enumerate(zip(fields, stacks, strict=True))
+        rim = _NONE
+        if self.laid == "polygons":
+            rim = rim_of(part, target, self.road_width, flat=flat)
+        elif self.walls:
+            rim = rim_of(part, None, self.road_width, flat=flat)
+        begun = [
+            _trimmed(each, rooms[stack.region])
+            for each, stack in zip(
+                self._begun(stacks, part, target, flat, rim, window), stacks, strict=True
+            )
         ]
+        meshes = [each.mesh for each in begun]
+        _check_within(meshes, rooms)
         places = list(rooms)
         nodes = np.concatenate([mesh.xy for mesh in meshes])
         edges, ends = self._edges(sheets, meshes, len(nodes), places)
         offsets = _offsets([len(mesh.xy) for mesh in meshes])
         links = [mesh.edges + first for mesh, first in zip(meshes, offsets, strict=False)]
-        sizes = [field.at(mesh.xy) for field, mesh in zip(fields, meshes, strict=True)]
         dual = CELLS[self.cells][-1]
         triangles = Cells(
             np.concatenate([m.triangles + n for m, n in zip(meshes, offsets, strict=False)]),
@@ -129,12 +172,16 @@ class Mesh(AbstractSettings):
         )
         points = POINTS.get(dual, centre_points)
         graph = np.concatenate([nodes, points(nodes, triangles.nodes)])
+        if dual == "voronoi":
+            _check_delaunay(nodes, graph, edges, shapely.union_all(list(rooms.values())))
         length = np.hypot(*np.diff(graph[edges.nodes], axis=1)[:, 0].T)
+        made = self.mesh is None and self.through is None
+        angles = np.concatenate([mesh.angles.min(1) for mesh in meshes])
         walls = WallDistance.of(list(rooms.values()), window / _WALL_STEPS)
         return MeshPattern(
             first=jnp.asarray(nodes),
             rest=jnp.asarray(nodes),
-            size=jnp.asarray(np.concatenate(sizes)),
+            size=jnp.asarray(np.concatenate([each.size for each in begun])),
             links=jnp.asarray(np.concatenate(links)),
             edges=jax.tree.map(jnp.asarray, edges),
             pieces=jax.tree.map(jnp.asarray, _pieces(length, window / _PIECES)),
@@ -143,6 +190,12 @@ class Mesh(AbstractSettings):
             coarse=tuple(
                 jax.tree.map(jnp.asarray, Lattice.over(nodes, count)) for count in _COARSE
             ),
+            least_angle=jnp.asarray(
+                np.full(len(angles), LEAST_ANGLE)
+                if made
+                else np.minimum(LEAST_ANGLE, _KEPT * angles)
+            ),
+            least_length=jnp.asarray(np.full(len(length), np.inf) if made else _KEPT * length),
             width=self.road_width,
             dual="voronoi" if dual == "voronoi" else "centre",
             sheets=ends,
@@ -150,85 +203,42 @@ class Mesh(AbstractSettings):
             rim=jax.tree.map(jnp.asarray, rim),
             kind=self.cells,
             polygons=self.laid == "polygons",
+            ringed=self.walls,
+            notes=tuple(note for each in self.mesh or () for note in each.notes),
         )
 
-    def _rim(self, part: Part, target: Target, flat: bool) -> Points:
-        """The roads that polygons have along the walls: none where edges are laid."""
-        places, volumes = [np.zeros((0, 3))], [np.zeros(0)]
-        slabs = part.slabs if self.laid == "polygons" else ()
-        middles = np.full(len(part.slabs), part.height / 2) if flat else part.middles
-        for slab, z in zip(slabs, middles, strict=False):
-            wall = slab.region.inset(self.road_width / 2).boundary
-            section = float(section_area(self.road_width, slab.height))
-            for ring in shapely.get_parts(wall):
-                count = max(int(np.ceil(ring.length)), 3)
-                share = (np.arange(count) + 0.5) / count
-                at = shapely.line_interpolate_point(ring, share, normalized=True)
-                xy = shapely.get_coordinates(at)
-                places.append(np.column_stack([xy, np.full(count, z)]))
-                solid = np.asarray(target.solid(xy[:, 0], xy[:, 1], z))
-                # It is open by a width where an edge meets the wall: 2 / pi of their density.
-                packed = 1 - self.road_width * slab.height * solid / section
-                open_share = 2 / np.pi * (1 - np.sqrt(np.maximum(packed, 0.0)))
-                volumes.append(section * ring.length / count * (1 - open_share))
-        return Points(np.concatenate(places), np.concatenate(volumes))
-
-    def _fields(
-        self, stacks: "list[_Stack]", target: Target, flat: bool, rim: Points
-    ) -> list[SizeField]:
-        """The size of the cells of each mesh, mm."""
-        if self.laid == "polygons":
-            target = _less(target, rim, stacks)
-        fields: list[SizeField] = []
-        for stack in stacks[:1] if flat else stacks:
-            length = sum(
-                LENGTH[kind] * section_area(self.road_width, slab.height)
-                for kind, slab in zip(stack.kinds, stack.slabs, strict=True)
+    def _begun(
+        self,
+        stacks: list[Stack],
+        part: Part,
+        target: Target,
+        flat: bool,
+        rim: Points,
+        window: float,
+    ) -> list[Begun]:
+        """The mesh of each stack."""
+        chart = Chart.of(self.through, part, target, self.road_width) if self.through else None
+        if self.mesh is not None:
+            some = of_given(self.mesh, chart)
+        elif chart is not None:
+            counts = self.quads or chart.counts(stacks, target, self.road_width)
+            some = of_quads(chart, counts, self.diagonal, len(stacks))
+        else:
+            polygons = self.laid == "polygons"
+            fields = fields_of(
+                stacks,
+                target,
+                self.road_width,
+                flat=flat,
+                rim=rim,
+                polygons=polygons,
+                window=window,
             )
-
-            def size(x: Any, y: Any, stack: _Stack = stack, length: float = length) -> np.ndarray:
-                solid = np.asarray(target.solid(x, y, stack.z))
-                with np.errstate(divide="ignore"):
-                    if self.laid == "edges":
-                        return length / (stack.height * solid)
-                    return self._of_polygons(stack, solid, length)
-
-            fields.append(SizeField.over(stack.region.geometry, size))
-        fields *= len(stacks) if flat else 1
-        count = sum(
-            2 * field.count(stack.region.geometry)
-            for field, stack in zip(fields, stacks, strict=True)
-        )
-        if count > MOST_CELLS:
-            raise InputError(
-                f"mesh: {len(stacks)} meshes of {count:.3g} triangles together; "
-                f"{MOST_CELLS:.0e} at most"
-            )
-        # Cells of a real mesh are no equal triangles: how much longer its edges are the first says.
-        region, field = stacks[0].region, fields[0]
-        mesh = relaxed(field)
-        lines = shapely.linestrings(mesh.xy[mesh.edges])
-        got = shapely.length(shapely.intersection(lines, region.geometry)).sum()
-        ideal = field.integral(LENGTH["triangles"] / field.size, region.geometry)
-        return [SizeField(each.x, each.y, each.size * got / ideal) for each in fields]
-
-    def _of_polygons(self, stack: "_Stack", solid: np.ndarray, length: float) -> np.ndarray:
-        """The size, mm, at which polygons hold a solid share.
-
-        An edge density r gives 2 r - width r^2 of road: two roads an edge, less at the corners.
-        """
-        twice = sum(
-            LENGTH[kind] ** 2 * section_area(self.road_width, slab.height) * self.road_width
-            for kind, slab in zip(stack.kinds, stack.slabs, strict=True)
-        )
-        left = length**2 - twice * stack.height * solid
-        if (left < 0).any():
-            most = length**2 / (twice * stack.height)
-            raise InputError(
-                f"mesh: polygons of roads {self.road_width:g} mm wide hold a solid share of "
-                f"{most:.3f} at most, and {solid.max():.3f} is asked"
-            )
-        return twice / (length - np.sqrt(left))
+            meshes = [relaxed(field, k * _GOLDEN % 1) for k, field in enumerate(fields)]
+            some = [
+                Begun(mesh, field.at(mesh.xy)) for mesh, field in zip(meshes, fields, strict=True)
+            ]
+        return [some[k % len(some)] for k in range(len(stacks))]
 
     def _edges(
         self, sheets: "list[_Sheet]", meshes: list[Triangulation], nodes: int, places: list[Region]
@@ -268,38 +278,6 @@ class _Sheet(NamedTuple):
     z: float
 
 
-class _Stack(NamedTuple):
-    """The layers that hold one mesh, and what each of them holds of it."""
-
-    slabs: tuple[Slab, ...]
-    kinds: tuple[str, ...]
-    z: float
-
-    @property
-    def region(self) -> Region:
-        return self.slabs[0].region
-
-    @property
-    def height(self) -> float:
-        return sum(slab.height for slab in self.slabs)
-
-
-def _less(target: Target, rim: Points, stacks: list[_Stack]) -> Target:
-    """The target with as much less everywhere as the roads along the walls hold in all."""
-    held = float(np.sum(rim.volume))
-    asked = 0.0
-    for stack in stacks:
-        x0, y0, x1, y1 = stack.region.geometry.bounds
-        x, y = (each.ravel() for each in np.meshgrid(*np.linspace((x0, y0), (x1, y1), 60).T))
-        inside = shapely.contains_xy(stack.region.geometry, x, y)
-        solid = np.mean(np.asarray(target.solid(x[inside], y[inside], stack.z)))
-        asked += float(solid) * stack.region.geometry.area * stack.height
-    share = 1 - held / asked
-    if share <= 0:
-        raise InputError("mesh: the polygons' roads along the walls hold all that is asked")
-    return Target(lambda x, y, z: share * target.solid(x, y, z), quantity="solid")
-
-
 def _sheets(part: Part, kinds: tuple[str, ...], phases: int, flat: bool) -> Iterator[_Sheet]:
     """Alike layers take the sheets in turn; else each layer has one, with a mesh of its own."""
     if not flat:
@@ -312,21 +290,54 @@ def _sheets(part: Part, kinds: tuple[str, ...], phases: int, flat: bool) -> Iter
         yield _Sheet(k // len(kinds), kind, part.slabs[k::count], part.height / 2)
 
 
-def _stacks(sheets: list[_Sheet]) -> list[_Stack]:
+def _stacks(sheets: list[_Sheet]) -> list[Stack]:
     found = []
     for mesh in range(1 + max(sheet.mesh for sheet in sheets)):
         own = [sheet for sheet in sheets if sheet.mesh == mesh]
         slabs = tuple(slab for sheet in own for slab in sheet.slabs)
         kinds = tuple(sheet.kind for sheet in own for _ in sheet.slabs)
-        found.append(_Stack(slabs, kinds, own[0].z))
+        found.append(Stack(slabs, kinds, own[0].z))
     return found
 
 
-def _trimmed(mesh: Triangulation, field: SizeField, room: shapely.Geometry) -> Triangulation:
+def _check_delaunay(
+    nodes: np.ndarray, graph: np.ndarray, edges: Edges, room: shapely.Geometry
+) -> None:
+    """Raise `InputError` where the two ends of a Voronoi edge in the room have changed places."""
+    over = np.diff(nodes[edges.sides], axis=1)[:, 0]
+    ends = graph[edges.nodes]
+    along = ends[:, 1] - ends[:, 0]
+    order = over[:, 0] * along[:, 1] - over[:, 1] * along[:, 0]
+    wrong = (order < -_CROSSED * (over**2).sum(1)) & (edges.nodes[:, 0] >= len(nodes))
+    wrong &= shapely.contains_xy(room, *ends.mean(1).T)
+    if wrong.any():
+        x, y = nodes[edges.sides[wrong][0]].mean(0)
+        raise InputError(
+            f"cells: {wrong.sum()} sides of the mesh, the first at ({x:.4g}, {y:.4g}) mm, are not "
+            "those of a Delaunay triangulation, so Voronoi's polygons would cross; use the "
+            "centre-dual"
+        )
+
+
+def _check_within(meshes: list[Triangulation], rooms: dict[Region, Any]) -> None:
+    """Raise `InputError` for meshes of which nothing lies in the part."""
+    room = shapely.union_all(list(rooms.values()))
+    for mesh in meshes:
+        if not len(mesh.triangles) or not mesh.inner.any():
+            low, high = np.reshape(room.bounds, (2, 2))
+            raise InputError(
+                f"mesh: none of its triangles lies in the part, which reaches from ({low[0]:.4g}, "
+                f"{low[1]:.4g}) to ({high[0]:.4g}, {high[1]:.4g}) mm"
+            )
+
+
+def _trimmed(begun: Begun, room: shapely.Geometry) -> Begun:
     """The triangles that lie in the room for centre lines or within a cell of it."""
+    mesh, size = begun
     middle = mesh.xy[mesh.triangles].mean(1)
     shapely.prepare(room)
-    return mesh.part(shapely.distance(room, shapely.points(middle)) <= field.at(middle))
+    near = shapely.distance(room, shapely.points(middle)) <= size[mesh.triangles].mean(1)
+    return Begun(mesh.part(near), size[np.unique(mesh.triangles[near])])
 
 
 def _corners(xy: np.ndarray, edges: np.ndarray) -> float:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from shapely import STRtree, contains_xy, distance, intersects, prepare
 
 from fdjax.limits import Limits
+from fdjax.plan.meetings import Meetings
 from fdjax.plan.segments import Crossings, Segments
 from fdjax.plan.spacing import approaches, spans
 from fdjax.plan.toolpath import Build, Layer, Outline
@@ -59,11 +60,11 @@ def check(
 
     One finding a kind and layer, layer by layer:
 
-    - crossing (error): roads that cross or touch, a road and itself too. Where edges of one graph
-      meet at their ends, and with `both_families` where "xi" cross "eta" roads, are nodes
-      (warning): their number and excess volume, the sum of `w1 w2 / sin(angle) * height`, the
-      overlap of two straight beads with flat sides (the sine is kept above 0.1; roads that run
-      along one another are not counted).
+    - crossing (error): roads that cross or touch, a road and itself too. Where three edges of one
+      graph or more meet at their ends, and with `both_families` where "xi" cross "eta" roads, are
+      nodes (warning): their number and excess volume, of straight beads with flat sides as high as
+      the layer what they hold beside their union (see `Meetings`; `w1 w2 / sin(angle)` for two
+      that cross, where the sine is kept above 0.1).
     - width, layer height (error): outside the machine's range.
     - spacing: centre lines of one family closer than the least spacing, or than their mean width
       where the machine names none: a warning, and an error below half of it, where one bead
@@ -142,16 +143,17 @@ def _pairs(
     crossings = segments.crossings(i, j)
     graph = segments.of_graph[segments.road]
     node = crossings.vertex & graph[crossings.i] & graph[crossings.j]
+    families = np.zeros_like(node)
     if both_families:
-        families = np.array([road.family for road in layer.roads])
-        pair = np.stack([families[segments.road[k]] for k in (crossings.i, crossings.j)], 1)
-        node |= (np.sort(pair, axis=1) == ["eta", "xi"]).all(1)
+        names = np.array([road.family for road in layer.roads])
+        pair = np.stack([names[segments.road[k]] for k in (crossings.i, crossings.j)], 1)
+        families = (np.sort(pair, axis=1) == ["eta", "xi"]).all(1)
+    node |= families
     count = int((~node).sum())
     if count:
         text = f"roads cross in {count} places"
         yield "error", "crossing", text, _place(crossings.xy[~node][0]), count, float(count)
-    if node.any():
-        yield _nodes(segments, crossings, node, layer.height)
+    yield from _nodes(segments, crossings, families, layer.height)
     close = approaches(segments, i, j, limits.least_spacing, _SLACK)
     if len(close.i):
         worst = int(np.argmin(close.distance / close.limit))
@@ -165,14 +167,18 @@ def _pairs(
 
 
 def _nodes(
-    segments: Segments, crossings: Crossings, node: NDArray[np.bool_], height: float
-) -> tuple[str, str, str, tuple[float, float] | None, int, float]:
-    sine = np.maximum(crossings.sine[node], 0.1)
-    excess = segments.width[crossings.i[node]] * segments.width[crossings.j[node]] / sine * height
-    count, volume = int(node.sum()), float(excess.sum())
-    text = f"roads meet in {count} nodes, {volume:.3f} mm^3 more than the layer holds"
-    place = _place(crossings.xy[node][np.argmax(excess)])
-    return "warning", "nodes", text, place, count, volume
+    segments: Segments, crossings: Crossings, families: NDArray[np.bool_], height: float
+) -> _Found:
+    """Nodes of graphs, and crossings of two families."""
+    met = Meetings.of(segments)
+    i, j = crossings.i[families], crossings.j[families]
+    shared = segments.width[i] * segments.width[j] / np.maximum(crossings.sine[families], 0.1)
+    excess = height * np.concatenate([met.area, shared])
+    count, volume = len(excess), float(excess.sum())
+    if count:
+        place = np.concatenate([met.xy, crossings.xy[families]])[np.argmax(excess)]
+        text = f"roads meet in {count} nodes, {volume:.3f} mm^3 more than the layer holds"
+        yield "warning", "nodes", text, _place(place), count, volume
 
 
 def _spans(segments: Segments, below: tuple[Segments, STRtree] | None, limits: Limits) -> _Found:

@@ -101,6 +101,7 @@ class Room:
     geometry: Polygon | MultiPolygon
     tolerance: float = 0.0
     _made: dict[tuple[float, float], Walls] = field(default_factory=dict, repr=False)
+    _shrunk: dict[float, "Room | None"] = field(default_factory=dict, repr=False)
     _parted: dict[tuple[int, ...], tuple["Room", tuple[Floats, ...]]] = field(
         default_factory=dict, repr=False
     )
@@ -133,6 +134,15 @@ class Room:
             parted: Any = self.geometry.difference(slit)
             self._parted[key] = Room(parted, self.tolerance), tuple(cuts)
         return self._parted[key][0]
+
+    def shrunk(self, margin: float) -> "Room | None":
+        """What of the room is further than `margin`, mm, from its walls; None for nothing."""
+        if margin <= 0:
+            return self
+        if margin not in self._shrunk:
+            inner: Any = shapely.buffer(self.geometry, -margin, join_style="mitre")
+            self._shrunk[margin] = None if inner.is_empty else Room(inner, self.tolerance)
+        return self._shrunk[margin]
 
     def walls(self, road_width: float, press: float = 0.0) -> Walls:
         """The walls for roads up to this width, mm. Raises `InputError` where none fits."""

@@ -16,18 +16,20 @@ from fdjax.plan.laid import Laid
 from fdjax.plan.lines import lay_lines
 from fdjax.plan.paths import lay_paths
 from fdjax.plan.polygons import lay_polygons
+from fdjax.plan.rings import lay_rings
 from fdjax.plan.room import Room
 from fdjax.plan.toolpath import Build, Layer, Road
 from fdjax.plan.tour import lay_curve
 from fdjax.plan.trail import lay_graph
 from fdjax.road.bead import road_width
-from fdjax.road.stroke import Curve, Drawing, Graph, Lines, Paths, Polygons, Subdomain
+from fdjax.road.stroke import Curve, Drawing, Graph, Lines, Paths, Polygons, Rings, Subdomain
 
 LAYING: dict[type, Callable[..., Laid]] = {
     Lines: lay_lines,
     Graph: lay_graph,
     Drawing: lay_drawing,
     Polygons: lay_polygons,
+    Rings: lay_rings,
     Curve: lay_curve,
     Paths: lay_paths,
 }

@@ -73,7 +73,10 @@ def lay_graph(
     xy, edges, width = checked(graph)
     if not len(edges):
         return Laid()
-    walls = Room.of(room).walls(float(width.max()))
+    within = Room.of(room).shrunk(graph.margin)
+    if within is None:
+        return Laid()
+    walls = within.walls(float(width.max()))
     xy, edges, width = _cut(*_contracted(xy, edges, width), walls)
     roads = [
         Road(xy[nodes], width[list(own)], graph.material, closed, graph.family)

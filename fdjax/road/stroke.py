@@ -54,6 +54,7 @@ class Graph:
     - `width`: of each edge, shape (edges,), mm.
     - `family`: a name that is neither "" nor a family of lines: roads of a graph meet in its nodes.
     - `material`: number of the material or tool.
+    - `margin`: what edges keep from the walls beside half a road's width, mm.
     """
 
     xy: Floats
@@ -61,6 +62,7 @@ class Graph:
     width: Floats
     family: str
     material: int = 0
+    margin: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,18 @@ class Drawing(Graph):
 @dataclass(frozen=True, eq=False)
 class Polygons(Graph):
     """A graph whose faces are laid, each as a closed road inside its edges, not the edges."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rings:
+    """Closed roads along all walls of a layer, half a road from them.
+
+    - `width`: mm; `family`: name of the roads; `material`: number of the material or tool.
+    """
+
+    width: float
+    family: str
+    material: int = 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,4 +144,4 @@ class Paths:
     material: int = 0
 
 
-Stroke = Lines | Graph | Drawing | Polygons | Curve | Paths
+Stroke = Lines | Graph | Drawing | Polygons | Rings | Curve | Paths

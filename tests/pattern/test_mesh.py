@@ -78,6 +78,21 @@ def test_the_deposit_of_polygons_is_what_a_plan_lays(cells):
     assert [each for each in found if each.severity == "error"] == []
 
 
+def test_a_road_along_each_wall_is_counted_as_it_is_laid():
+    part = plate()
+    pattern = begun(part, walls=True)
+    modelled = float(jax.jit(lambda p: p.deposit(p.realise(p.first)).volume.sum())(pattern))
+    build = planned(pattern.strokes(pattern.first), part)
+    assert build.volume + build.thinned == pytest.approx(modelled, rel=0.01)
+    walls = [road for road in build.layers[0].roads if road.family == "wall"]
+    along = 2 * np.pi * (19.8 + 4.2)
+    assert sum(road.length for road in walls) == pytest.approx(along, rel=0.005)
+    found = check(build.replace(origin=(50, 50)), MARLIN.limits)
+    assert [each for each in found if each.severity == "error"] == []
+    with pytest.raises(InputError, match="polygons have a road along each wall anyway"):
+        Mesh(laid="polygons", walls=True)
+
+
 def test_gradients_of_polygons_agree_with_central_differences():
     part = plate(5)
     pattern = begun(part, SPARSE, cells="centre-dual", phases=2, laid="polygons")
