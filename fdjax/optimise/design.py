@@ -68,9 +68,8 @@ class Design:
             for name, share in self.held.items()
             if share > WIDELY
         ]
-        windows: SoftWindows | None = self.objective.windows
-        if windows is not None:
-            windows = jax.device_get(windows)
+        if self.objective.windows is not None:
+            windows: SoftWindows = jax.device_get(self.objective.windows)
             used = windows.room > LEAST_WINDOW * windows.full
             asked = np.where(used, windows.target, np.nan)
             steps = [np.diff(asked, axis=axis) for axis in range(3)]

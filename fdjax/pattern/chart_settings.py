@@ -149,7 +149,7 @@ class ChartSettings(AbstractSettings):
             middle = free_of(self.road_width, low, high)
             width = np.full(self.field_knots if "width_field" in self.controls else (), middle)
         return {
-            "first": jax.device_put(Controls(xi, eta, width, times)),
+            "first": Controls(*jax.device_put((xi, eta, width, times))),
             "axes": axes,
             "lattice": Lattice.of(axes, room),
             "room": jax.device_put(room),

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -292,7 +293,7 @@ FOLD_FLOOR = 0.02
 
 def comb_of(counts: Sequence[int]) -> tuple[Array, Array]:
     """Counts of lines as a pattern has them: numbers that XLA need not know when it compiles."""
-    return jnp.asarray(float(counts[0])), jnp.asarray(float(counts[1]))
+    return jax.device_put((np.asarray(counts[0], float), np.asarray(counts[1], float)))
 
 
 def _at_middle(xy: Array, depth: float) -> Array:
