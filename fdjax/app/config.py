@@ -112,6 +112,11 @@ class Design:
     cut_corners: bool = key(
         FLAG, "cut turn-arounds short at walls that would hold too much", default=True
     )
+    left_out: float = key(
+        number(0, 1),
+        "share of the roads that may be left out: too close or too short",
+        default=0.02,
+    )
     laplacians: bool = key(FLAG, "draw lap(xi) and lap(eta), P and Q of eq. (5)", default=False)
     export_failed: bool = key(FLAG, "write machine files even if the design fails", default=False)
 

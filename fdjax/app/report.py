@@ -39,13 +39,6 @@ class Written:
         return [finding for finding in self.findings if finding.severity == "error"]
 
 
-_MISSED = 0.01
-"""Share by which the mean may be off before a user is told why."""
-
-THINNED = 0.02
-"""Share of the material that may be left out where lines come too close."""
-
-
 def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Path | None, str]]:
     """What is wrong, in one phrase each, with the file it concerns or None for the design."""
     faults: list[tuple[Path | None, str]] = []
@@ -55,10 +48,12 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
         whole = each.thinned + each.planned
         if not each.planned > 0:
             faults.append((each.path, f"{each.path.name}: holds no road"))
-        if each.thinned > THINNED * whole:
+        if each.thinned > job.design.left_out * whole:
             share = 100 * each.thinned / whole
-            what = f"{each.path.name}: lines too close or too short, {share:.1f} % left out"
-            faults.append((each.path, f"{what}, {100 * THINNED:g} % is allowed"))
+            least = each.machine.limits.least_road
+            short = f"shorter than the machine's {least:.3g} mm" if least else "too short"
+            what = f"{each.path.name}: roads too close or {short}, {share:.1f} % left out"
+            faults.append((each.path, f"{what}, {100 * job.design.left_out:g} % is allowed"))
         rms = each.comparison.rms
         if not rms <= job.target.tolerance:
             what = f"{each.path.name} misses its target: RMS {rms:.4f} in {job.target.window:g} mm"
@@ -69,22 +64,6 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
         for finding in each.errors:
             faults.append((each.path, f"{each.path.name}: {finding}"))
     return faults
-
-
-def left_out(each: Written, volume: float) -> list[str]:
-    """Why a file's mean is not the one that was asked, where roads of this volume, mm^3, that were
-    too short or too close are left out of its plan.
-    """
-    asked, got = 1 - each.comparison.mean_asked, 1 - each.comparison.mean_got
-    share = volume / (volume + each.planned) if volume > 0 else 0.0
-    if share <= THINNED or abs(got - asked) <= _MISSED * asked:
-        return []
-    least = each.machine.limits.least_road
-    short = f"shorter than the machine's {least:.3g} mm" if least else "too short"
-    return [
-        f"{each.path.name}: a mean solid share of {asked:.4f} is asked, and {got:.4f} is laid: "
-        f"roads {short} or too close, {100 * share:.1f} % of all, are left out"
-    ]
 
 
 def _uneven(result: Design, each: Written) -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.planning import SHIFTS, checked, designed, plan_of
-from fdjax.app.report import Written, faults_of, left_out, report_of, table_of
+from fdjax.app.report import Written, faults_of, report_of, table_of
 from fdjax.app.writing import fitted, placed
 from fdjax.beside import Beside
 from fdjax.errors import DesignError, InputError
@@ -56,7 +56,6 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if job.design.laplacians:
             _laplacians(job, folder, result, beside)
         written: list[Written] = []
-        missing: list[str] = []
         for kind, machine in machines.items():
             plan = plans[machine]
             path = folder / f"{job.name}.{kind}"
@@ -73,9 +72,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             if job.materials.given:
                 each = replace(each, materials=job.materials.laid(part, second, each.build))
             written.append(each)
-            missing += left_out(each, plan.thinned)
     notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips, *tried]
-    notes += missing
     notes += [
         f"{each.path.name}: {what}"
         for each in written

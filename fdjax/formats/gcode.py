@@ -54,7 +54,7 @@ def fit(build: Build, machine: Machine) -> Build:
             if fitted is not None:
                 roads.append(fitted)
         z = round(layer.z, _XYZ_DECIMALS)
-        layers.append(Layer(z, layer.height, tuple(roads), layer.outline))
+        layers.append(replace(layer, z=z, roads=tuple(roads)))
     return build.replace(layers=tuple(layers))
 
 

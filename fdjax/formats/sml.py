@@ -7,6 +7,7 @@ the machine's profile and listed there as unverified.
 """
 
 from collections import defaultdict
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from fdjax.formats.profile import Machine, Sml
 from fdjax.formats.sml_codes import Carry, codes_of, counts_of, ends, fit_road, steps_of
 from fdjax.formats.sml_reader import read
 from fdjax.formats.template import fill
-from fdjax.plan.toolpath import Build, Layer, Road
+from fdjax.plan.toolpath import Build, Road
 from fdjax.units import MICROSTEP
 
 __all__ = ["fit", "read", "write"]
@@ -55,7 +56,7 @@ def fit(build: Build, machine: Machine) -> Build:
             except InputError as error:
                 raise InputError(f"layer {index + 1}: {error}") from None
         z = round(layer.z / MICROSTEP) * MICROSTEP
-        layers.append(Layer(z, layer.height, tuple(roads), layer.outline))
+        layers.append(replace(layer, z=z, roads=tuple(roads)))
     return build.replace(layers=tuple(layers))
 
 

@@ -269,9 +269,11 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 200) -> None:
     if path.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise InputError(f"{path}: a picture is written as .png, .pdf or .svg")
     # Less time than by the usual compression, for files of about the same size.
-    options = {"compress_level": 3} if path.suffix.lower() == ".png" else {}
+    less: dict[str, Any] = (
+        {"pil_kwargs": {"compress_level": 3}} if path.suffix.lower() == ".png" else {}
+    )
     try:
-        figure.savefig(path, dpi=dpi, facecolor="white", pil_kwargs=options)
+        figure.savefig(path, dpi=dpi, facecolor="white", **less)
     except OSError as fault:
         raise InputError(f"{path}: cannot be written: {fault.strerror or fault}") from None
 

@@ -2,11 +2,14 @@
 
 import json
 
+import pytest
+
 from fdjax.app import config
 from fdjax.app.run import design
+from fdjax.errors import DesignError
 
 
-def test_a_mean_missed_for_roads_too_short_is_told_of(tmp_path):
+def test_a_file_that_leaves_out_roads_too_short_is_refused_and_says_why(tmp_path):
     tables = {
         "machine": "stratasys-fdm1650",
         "files": ["sml"],
@@ -15,9 +18,9 @@ def test_a_mean_missed_for_roads_too_short_is_told_of(tmp_path):
         "pattern": {"kind": "texture", "cell": "hexagonal"},
         "design": {"iterations": 1, "corrections": 0},
     }
-    design(config.parse(tables, name="job"), tmp_path, progress=lambda text: None)
-    report = json.loads((tmp_path / "report.json").read_text())
-    facts = report["files"]["job.sml"]
-    assert facts["mean_got"] > facts["mean_asked"] + 0.01
-    (note,) = [note for note in report["notes"] if "left out" in note]
-    assert f"{1 - facts['mean_got']:.4f} is laid: roads shorter than the machine's 3.3 mm" in note
+    said = r"too close or shorter than the machine's 3.3 mm, \d+\.\d % left out, 2 % is allowed"
+    with pytest.raises(DesignError, match=said):
+        design(config.parse(tables, name="job"), tmp_path, progress=lambda text: None)
+    facts = json.loads((tmp_path / "report.json").read_text())["files"]["job.sml"]
+    assert facts["thinned"] > 0.02 * facts["volume"]
+    assert not (tmp_path / "job.sml").exists()
