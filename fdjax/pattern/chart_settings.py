@@ -58,6 +58,10 @@ class ChartSettings(AbstractSettings):
     angle: float = key(
         number(-360, 360), "degrees by which the pattern is turned, to begin with", default=0.0
     )
+    twist: float = key(
+        number(-360, 360), "degrees by which the lines are turned in the middle, to begin with; "
+        "twisted lines can crowd inside without crowding at the walls", default=90.0,
+    )  # fmt: skip
     road_width: float = road_width_key()
     knots: tuple[int, int] | None = key(
         pair(whole(6, 400)), "spline coefficients along x and y", default=None,
@@ -78,8 +82,9 @@ class ChartSettings(AbstractSettings):
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.angle):
-            raise InputError(f"angle: {self.angle} is not finite")
+        for name in ("angle", "twist"):
+            if not np.isfinite(getattr(self, name)):
+                raise InputError(f"{name}: {getattr(self, name)} is not finite")
         if "width" in self.controls and "width_field" in self.controls:
             raise InputError("controls: width and width_field exclude each other")
         if not {"coefficients", "p", "q"} & set(self.controls):
@@ -180,6 +185,16 @@ def spline_of(axes: tuple[Axis, Axis, Axis], places: Sequence[Floats], values: F
     """Coefficients (K, L, M), alike at all heights, from values (n, m) at places along x and y."""
     fit = [axis.fit(at) for axis, at in zip(axes, places, strict=False)]
     return np.repeat((fit[0] @ values @ fit[1].T)[..., None], axes[2].count, 2)
+
+
+def twisted(x: np.ndarray, y: np.ndarray, twist: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places on a lattice turned about its middle, by `twist` radians there and less outwards."""
+    middle_x, middle_y = (x[0, 0] + x[-1, -1]) / 2, (y[0, 0] + y[-1, -1]) / 2
+    reach = max(np.ptp(x), np.ptp(y)) / 4
+    right, up = x - middle_x, y - middle_y
+    turn = twist * np.exp(-(right**2 + up**2) / reach**2)
+    cosine, sine = np.cos(turn), np.sin(turn)
+    return middle_x + cosine * right - sine * up, middle_y + sine * right + cosine * up
 
 
 def _knots(length: float, step: float) -> int:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdjax.keys import FLAG, choice, key, whole
+from fdjax.keys import FLAG, choice, key, number, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.curve_order import NAMES
@@ -32,6 +32,10 @@ class Curves(DrawnSettings):
     depths: int | None = key(
         whole(0, 4), "times that steps may be halved where the target is dense, on more layers the "
         "denser; 0 leaves it to the chart", default=None, shown="by target",
+    )  # fmt: skip
+    twist: float = key(
+        number(-360, 360), "degrees by which the curve is turned in the middle, to begin with; its "
+        "depth lets it crowd without", default=0.0,
     )  # fmt: skip
     turned: bool = key(
         FLAG, "every second layer turns the drawing by a quarter, in its plane", default=True

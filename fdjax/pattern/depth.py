@@ -29,6 +29,12 @@ def depths_of(start: Start) -> int:
     return max(0, int(np.ceil(_SHARE * np.log2(most / least) - _EVEN)))
 
 
+def varies(start: Start) -> float:
+    """How much a target varies: 0 where it is even, 1 where it doubles and beyond."""
+    least, most = _quantiles(start)
+    return float(np.clip(np.log2(most / least), 0.0, 1.0))
+
+
 def times_of(start: Start, finest: float) -> Floats:
     """How often as dense as the chart a curve is to be at the places of a start, shape (n,)."""
     return np.clip((start.demand / _quantiles(start)[0]) ** _SHARE, 1.0, finest)

@@ -1,6 +1,7 @@
 """What a user says of any drawing in a chart, and how it begins.
 
-A drawing begins undistorted, at the scale that the mean of the target asks for.
+A drawing begins at the scale that the mean of the target asks for, undistorted but for a twist in
+the middle, the more the target varies: twisted, it can crowd inside without crowding at the walls.
 """
 
 from dataclasses import dataclass
@@ -13,8 +14,8 @@ import numpy as np
 from fdjax.keys import FLAG, key, number, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
-from fdjax.pattern.chart_settings import ChartSettings, spline_of
-from fdjax.pattern.depth import depths_of, free_spline, times_of
+from fdjax.pattern.chart_settings import ChartSettings, spline_of, twisted
+from fdjax.pattern.depth import depths_of, free_spline, times_of, varies
 from fdjax.pattern.drawn_pattern import Placing
 from fdjax.target.target import Target
 
@@ -26,6 +27,10 @@ class DrawnSettings(ChartSettings):
     angle: float = key(
         number(-360, 360), "degrees by which the drawing is turned, to begin with; rows that run "
         "along a wall would lie in the part or beyond it as a whole", default=15.0,
+    )  # fmt: skip
+    twist: float = key(
+        number(-360, 360), "degrees by which the drawing is turned in the middle, to begin with "
+        "where the target doubles, and less where it varies less", default=90.0,
     )  # fmt: skip
     phases: int = key(
         whole(1, 100), "layers over which the drawing is moved; 1 lays all alike", default=5
@@ -64,6 +69,7 @@ class DrawnSettings(ChartSettings):
         places = [np.linspace(axis.low, axis.high, 2 * axis.count) for axis in start.axes[:2]]
         x, y = np.meshgrid(*places, indexing="ij")
         times = free_spline(start, places, more, finest) if finest > 1 else None
+        x, y = twisted(x, y, np.radians(self.twist * varies(start)))
         turn = scale * np.exp(1j * np.radians(self.angle))
         xi, eta = (
             spline_of(start.axes, places, each)
