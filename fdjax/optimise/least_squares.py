@@ -204,6 +204,7 @@ def optimise(
 
     Stops after `steps` evaluations, when nothing moves any more, when four improvements together
     gain less than `patience` of the objective, or when `REJECTIONS` trials in a row gain nothing.
+    With many controls it then begins anew with the first damping, as long as that gains as much.
     By default `STEPS` and `PATIENCE`, which are larger where an evaluation costs little.
     `progress` is called after each improvement. Requires float64.
     """
@@ -220,7 +221,7 @@ def optimise(
         error, _, penalty, *_ = map(float, _looked_at(free, problem))
         return Outcome(controls, error, penalty, 0, False, time.perf_counter() - began)
     state = _start(free, problem)
-    done, count, rejected, error, penalty = False, 0, 0, 0.0, 0.0
+    done, count, rejected, error, penalty, begun = False, 0, 0, 0.0, 0.0, np.inf
     while not done and count < steps:
         free, state, stopped = _step(free, problem, state)
         count += 1
@@ -235,6 +236,12 @@ def optimise(
         else:
             rejected += 1
         stalled = len(gained) > 4 and value > (1 - patience) * gained[-5]
+        best = min(gained)
+        if stalled and many and best < (1 - patience) * begun:
+            # The damping that grew on the way here may be more than is needed from here on.
+            begun, gained, rejected = best, [best], 0
+            state = _start(free, problem)
+            continue
         done = bool(stopped) or stalled or rejected == REJECTIONS
     # Where nothing was ever gained the trials failed: that is no convergence.
     converged = done and (bool(state.terminate) or len(gained) > 1)
