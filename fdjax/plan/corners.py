@@ -26,6 +26,8 @@ _SHARP = np.deg2rad(40)
 """Lines turn by less at each of their points, turn-arounds by more at each of their corners."""
 _LEG = 0.45
 """Largest leg of a cut, as a share of the way to the next corner."""
+_NEAR_WALL = 0.99
+"""A cut keeps this share of half a road's width from walls, as turn-arounds themselves do."""
 _LEAST = 1e-3
 """Shorter legs, mm, are not worth a point."""
 _SHIFTS = (0.0, 0.0), (0.5, 0.5), (0.5, 0.0), (0.0, 0.5)
@@ -173,8 +175,11 @@ def _free(
     if layer.outline is not None:
         wall = shapely.boundary(layer.outline)
         shapely.prepare(wall)
-        half = min(float(layer.roads[index].width.min()) for index in found) / 2
-        free &= ~shapely.dwithin(wall, cuts, 0.9 * half)
+        half = np.concatenate([
+            np.full(len(each.at), layer.roads[index].width.max() / 2)
+            for index, each in found.items()
+        ])  # fmt: skip
+        free &= ~shapely.dwithin(wall, cuts, _NEAR_WALL * half)
     counts = np.cumsum([len(each.at) for each in found.values()])[:-1]
     return dict(zip(found, np.split(free, counts), strict=True))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
-from shapely import Point, box
+from shapely import LineString, Point, box
 
 from fdjax.plan.corners import _legs, cut_corners
 from fdjax.plan.measure import measure
@@ -148,3 +148,17 @@ def test_closed_roads_and_sections_are_kept():
     # The seam is no corner to cut.
     assert after.xy[0].tolist() == [1, 1]
     assert len(after.xy) == 4 + 3
+
+
+@pytest.mark.parametrize(("gap", "cut"), [(0.19, False), (0.21, True)])
+def test_no_bead_reaches_over_the_wall_of_a_hole(gap, cut):
+    """A hole beside the middle of where a cut would go; the bead is 0.2 mm wide on each side."""
+    road = Road(np.array([(5, 15.0), (5, 0.2), (15, 0.2), (15, 15.0)]), WIDTH, family="xi")
+    leg = 0.45 * 10
+    across = np.sqrt(0.5)
+    hole = Point(np.array([5, 0.2]) + leg / 2 + (gap + 0.5) * across).buffer(0.5, 64)
+    build = plate(road, outline=box(0, 0, SIDE, SIDE).difference(hole))
+    (after,) = cut_corners(build, solid(0.0), window=5).layers[0].roads
+    assert ([5, 0.2] not in after.xy.tolist()) == cut
+    wall = build.layers[0].outline.boundary
+    assert LineString(after.xy).distance(wall) > 0.2 - 0.003
