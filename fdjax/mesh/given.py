@@ -118,7 +118,7 @@ def _joined(xy: Floats) -> tuple[Floats, Ints]:
     return xy[first], number.astype(np.intp)
 
 
-def _cross(xy: Floats, triangles: Ints) -> Floats:
+def twice_areas(xy: Floats, triangles: Ints) -> Floats:
     """Twice the area of triangles, below 0 where they run clockwise."""
     a, b, c = np.moveaxis(xy[triangles], 1, 0)
     return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
@@ -129,8 +129,10 @@ def _split(xy: Floats, quads: Ints) -> Ints:
     if not len(quads):
         return np.zeros((0, 3), np.intp)
     ways = [quads[:, [0, 1, 2, 0, 2, 3]], quads[:, [1, 2, 3, 1, 3, 0]]]
-    sense = np.sign(_cross(xy, ways[0][:, :3]) + _cross(xy, ways[0][:, 3:]))
-    inside = [np.minimum(*(sense * _cross(xy, way[:, k : k + 3]) for k in (0, 3))) for way in ways]
+    sense = np.sign(twice_areas(xy, ways[0][:, :3]) + twice_areas(xy, ways[0][:, 3:]))
+    inside = [
+        np.minimum(*(sense * twice_areas(xy, way[:, k : k + 3]) for k in (0, 3))) for way in ways
+    ]
     length = [np.hypot(*(xy[quads[:, k]] - xy[quads[:, k + 2]]).T) for k in (0, 1)]
     second = (inside[1] > 0) & ((length[1] < length[0]) | (inside[0] <= 0))
     return np.where(second[:, None], ways[1], ways[0]).reshape(-1, 3)
@@ -138,7 +140,7 @@ def _split(xy: Floats, quads: Ints) -> Ints:
 
 def _turned(xy: Floats, triangles: Ints, name: str) -> tuple[Ints, str]:
     """The triangles counterclockwise, and in words which were not."""
-    area = _cross(xy, triangles)
+    area = twice_areas(xy, triangles)
     sides = xy[triangles] - xy[np.roll(triangles, 1, 1)]
     flat = np.abs(area) <= _FLAT * (sides**2).sum(2).max(1)
     if flat.any():

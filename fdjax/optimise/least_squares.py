@@ -236,10 +236,10 @@ def optimise(
         else:
             rejected += 1
         stalled = len(gained) > 4 and value > (1 - patience) * gained[-5]
-        best = min(gained)
-        if stalled and many and best < (1 - patience) * begun:
+        if stalled and many and min(gained) < (1 - patience) * begun:
             # The damping that grew on the way here may be more than is needed from here on.
-            begun, gained, rejected = best, [best], 0
+            begun, rejected = min(gained), 0
+            gained = [begun]
             state = _start(free, problem)
             continue
         done = bool(stopped) or stalled or rejected == REJECTIONS

@@ -129,10 +129,7 @@ class ChartPattern(AbstractPattern):
         gradient = self.lattice.gradient(coefficients)
         density = density_of(gradient[:, 0], gradient[:, 1])
         width = self.width_at(controls, self.width_bases)
-        times = jnp.ones((1, 1, 1))
-        if controls.times is not None:
-            free = product(controls.times, self.lattice.x, self.lattice.y, self.lattice.z)
-            times = within(free, 1.0, self.finest)
+        times = self.times_on(controls)
         made = jnp.isfinite(density.sum())
         return Realised(coefficients, gradient, density, width, times, made)
 
@@ -156,6 +153,13 @@ class ChartPattern(AbstractPattern):
             return within(controls.width, low, high).reshape(1, 1, 1)
         free = bases[0] @ controls.width @ jnp.asarray(bases[1]).T
         return within(free, low, high)[..., None]
+
+    def times_on(self, controls: Controls) -> Array:
+        """How often as dense as the chart what is drawn in it is, (n, m, p), or (1, 1, 1)."""
+        if controls.times is None:
+            return jnp.ones((1, 1, 1))
+        free = product(controls.times, self.lattice.x, self.lattice.y, self.lattice.z)
+        return within(free, 1.0, self.finest)
 
     def roughness(self, controls: Controls) -> Float[Array, " n"]:
         pieces = []

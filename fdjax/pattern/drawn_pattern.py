@@ -17,7 +17,7 @@ from jaxtyping import Array
 from numpy.typing import NDArray
 
 from fdjax.field.pointwise import place_by_place
-from fdjax.field.spline import Axis, product, scattered
+from fdjax.field.spline import Axis, scattered
 from fdjax.limits import Limits
 from fdjax.pattern.base import Penalties
 from fdjax.pattern.chart import FLAT, ChartPattern, Controls, Lattice, Realised, density_of
@@ -167,10 +167,7 @@ class DrawnPattern(ChartPattern):
         lattice = Lattice(*map(np.asarray, self.lattice))
         slopes = [lattice.gradient(np.asarray(each)) for each in self.coefficients(controls)]
         steep, shallow = (np.asarray(each)[inside] for each in _scales(*slopes[0], *slopes[1]))
-        times = np.ones(1)
-        if controls.times is not None:
-            free = product(np.asarray(controls.times), lattice.x, lattice.y, lattice.z)
-            times = np.asarray(within(jnp.asarray(free), 1.0, self.finest))[inside]
+        times = np.broadcast_to(self.times_on(controls), inside.shape)[inside]
         finest, coarsest = (np.asarray(each) for each in self._divided(times))
         return {
             "kind": self.kind,

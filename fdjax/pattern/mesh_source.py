@@ -13,7 +13,7 @@ from fdjax.grid.algebraic import Cartesian, Transfinite, TwoBoundary
 from fdjax.grid.base import AbstractGridMap
 from fdjax.keys import FILE, UNIT, Kind, Place, points, show
 from fdjax.mesh.files import read_mesh
-from fdjax.mesh.given import Given, fringed, lattice
+from fdjax.mesh.given import Given, fringed, lattice, twice_areas
 from fdjax.mesh.triangulation import Triangulation
 from fdjax.part.part import Part
 from fdjax.pattern.map_domain import Domain, domain_of
@@ -162,14 +162,14 @@ class Chart:
             kept = (around > 0) & (around < 1)
         drawn = Triangulation(self.at(moved), square.triangles)
         self._check(drawn, kept & inside)
-        made = drawn.part(kept & (_twice_areas(drawn) > 0))
+        made = drawn.part(kept & (twice_areas(drawn.xy, drawn.triangles) > 0))
         if self.domain.closed:
             # The last row around is the first.
             made = Given.of(made.xy, made.triangles).mesh
         return Begun(made, _sizes(made))
 
     def _check(self, mesh: Triangulation, looked_at: Any) -> None:
-        folded = (_twice_areas(mesh) <= 0) & looked_at
+        folded = (twice_areas(mesh.xy, mesh.triangles) <= 0) & looked_at
         if folded.any():
             x, y = mesh.xy[mesh.triangles[np.argmax(folded)]].mean(0)
             raise InputError(
@@ -201,11 +201,6 @@ class Chart:
 def _whole(counts: Floats) -> tuple[int, int]:
     xi, eta = (int(np.clip(round(count), 2, 2000)) for count in counts)
     return xi, eta
-
-
-def _twice_areas(mesh: Triangulation) -> Floats:
-    a, b, c = np.moveaxis(mesh.xy[mesh.triangles], 1, 0)
-    return (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
 
 
 def _cartesian(domain: Domain) -> AbstractGridMap:

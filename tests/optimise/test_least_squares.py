@@ -136,6 +136,21 @@ def chain(count):
     return Chain(jnp.cos(jnp.arange(count) / 9.0)), jnp.full(count, 0.3, jnp.float64)
 
 
+class Nowhere(Chain):
+    """A chain whose residuals are no numbers."""
+
+    def __call__(self, controls):
+        residuals, made = super().__call__(controls)
+        return residuals._replace(error=residuals.error * jnp.nan), made
+
+
+def test_many_controls_that_no_step_helps_are_given_back_unconverged():
+    objective, controls = chain(FEW + 1)
+    lost = optimise(Nowhere(objective.goal), controls, steps=20)
+    assert not lost.converged
+    np.testing.assert_array_equal(lost.controls, controls)
+
+
 def test_few_and_many_controls_find_the_same():
     few, many = (optimise(*chain(n), steps=60, patience=1e-6) for n in (FEW, FEW + 1))
     assert many.controls.shape == (FEW + 1,)
