@@ -174,12 +174,11 @@ def _free(
     free[corner[~own]] = False
     if layer.outline is not None:
         wall = shapely.boundary(layer.outline)
-        shapely.prepare(wall)
         half = np.concatenate([
             np.full(len(each.at), layer.roads[index].width.max() / 2)
             for index, each in found.items()
         ])  # fmt: skip
-        free &= ~shapely.dwithin(wall, cuts, _NEAR_WALL * half)
+        free &= shapely.distance(wall, cuts) > _NEAR_WALL * half
     counts = np.cumsum([len(each.at) for each in found.values()])[:-1]
     return dict(zip(found, np.split(free, counts), strict=True))
 
