@@ -139,9 +139,10 @@ class Job:
     sml_machine: str = key(
         MACHINE, "that the SML is for, where `machine` takes none", default="stratasys-fdm1650"
     )
-    files: tuple[str, ...] = key(
-        choices(*FILE_KINDS), "machine files to write", default=list(FILE_KINDS)
-    )
+    files: tuple[str, ...] | None = key(
+        choices(*FILE_KINDS), "machine files to write", default=None,
+        shown="those whose machines can lay the job",
+    )  # fmt: skip
 
     @property
     def outputs(self) -> tuple[str, ...]:

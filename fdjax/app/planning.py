@@ -90,7 +90,7 @@ def _best(
     """
     found: list[tuple[tuple[int, float], str, Job, Design, Build]] = []
     tried = []
-    kind = next((kind for kind in job.files if kind != "ssl"), machine.format)
+    kind = next((kind for kind in job.files or () if kind != "ssl"), machine.format)
     writer = setting.machine_of(job, kind)
     for name, settings in auto.candidates(part):
         progress(f"trying {name}")

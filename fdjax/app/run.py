@@ -33,9 +33,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     """
     part = setting.part_of(job.part, job.pattern.road_width)
     target = setting.target_of(job.target, part)
-    machines = {kind: setting.machine_of(job, kind) for kind in job.files}
     main = setting.machine_of(job, "ssl")
-    setting.check_fits(job, part, main)
+    machines, left_out = setting.machines_of(job, part)
+    job = replace(job, files=tuple(machines))
     setting.check_lines(job, part, target, main)
     for machine in machines.values():
         job.materials.check(machine)
@@ -72,7 +72,8 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             if job.materials.given:
                 each = replace(each, materials=job.materials.laid(part, second, each.build))
             written.append(each)
-    notes = [*(note for region in part.regions for note in region.notes), *narrow, *tips, *tried]
+    notes = [note for region in part.regions for note in region.notes]
+    notes += [*narrow, *tips, *left_out, *tried]
     notes += [
         f"{each.path.name}: {what}"
         for each in written
@@ -86,7 +87,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if not job.design.export_failed:
             at_fault = {path for path, _ in faults}
             if None in at_fault or at_fault == {each.path for each in written}:
-                at_fault = {folder / f"{job.name}.{kind}" for kind in job.files}
+                at_fault = {folder / f"{job.name}.{kind}" for kind in machines}
             for path in filter(None, at_fault):
                 path.unlink(missing_ok=True)
         raise DesignError("; ".join(what for _, what in faults))

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from fdjax.app.config import Job, TargetSource
+from fdjax.app.config import FILE_KINDS, Job, TargetSource
 from fdjax.app.part import Circle, Part, Side
 from fdjax.errors import InputError
 from fdjax.formats import profile
@@ -112,6 +112,28 @@ def machine_of(job: Job, kind: str) -> Machine:
     if other.format != kind:
         raise InputError(f"{kind}_machine: {other.name} takes {other.format}, not {kind}")
     return other
+
+
+def machines_of(job: Job, part: body.Part) -> tuple[dict[str, Machine], list[str]]:
+    """The machine of each kind of file that is written, and in words what is not.
+
+    Raises `InputError`, as `check_fits`, for the machine of the design and for that of a file which
+    the job names; where it names none, what another machine cannot lay is not written.
+    """
+    main = machine_of(job, "ssl")
+    check_fits(job, part, main)
+    machines, notes = {}, []
+    for kind in job.files or FILE_KINDS:
+        machine = machine_of(job, kind)
+        try:
+            check_fits(job, part, machine)
+        except InputError as fault:
+            if job.files is not None:
+                raise InputError(f"{job.name}.{kind}: {fault}; leave it out of files") from None
+            notes.append(f"{job.name}.{kind}: not written: {fault}")
+        else:
+            machines[kind] = machine
+    return machines, notes
 
 
 def check_fits(job: Job, part: body.Part, machine: Machine) -> None:

@@ -140,6 +140,16 @@ def road_width_key() -> Any:
     return key(LENGTH, "road width, or where the design starts", default="0.4mm")
 
 
+def corrections_key(often: int) -> Any:
+    """The key `corrections`, likewise."""
+    return key(
+        whole(0, 10),
+        "times that what the plan lays beside the model is made up for",
+        default=often,
+        table="design",
+    )
+
+
 class AbstractSettings:
     """What a user says of a pattern, as a frozen dataclass whose fields are keys of a job.
 

@@ -71,10 +71,6 @@ class ChartSettings(AbstractSettings):
         pair(whole(4, 64)), "spline coefficients of a width field along x and y", default=[8, 8],
         table="design",
     )  # fmt: skip
-    corrections: int = key(
-        whole(0, 10), "times that what the plan lays beside the model is made up for", default=2,
-        table="design",
-    )  # fmt: skip
     controls: tuple[str, ...] = key(
         choices("coefficients", "p", "q", "width", "width_field"),
         "what the design may change: both functions' coefficients, or P and Q of eq. (5)",

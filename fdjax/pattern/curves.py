@@ -7,6 +7,7 @@ import numpy as np
 from fdjax.keys import FLAG, choice, key, number, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
+from fdjax.pattern.base import corrections_key
 from fdjax.pattern.curve_order import NAMES
 from fdjax.pattern.curve_pattern import CurvePattern
 from fdjax.pattern.drawn_settings import DrawnSettings
@@ -40,10 +41,7 @@ class Curves(DrawnSettings):
     turned: bool = key(
         FLAG, "every second layer turns the drawing by a quarter, in its plane", default=True
     )
-    corrections: int = key(
-        whole(0, 10), "times that what the plan lays beside the model is made up for", default=6,
-        table="design",
-    )  # fmt: skip
+    corrections: int = corrections_key(6)
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> CurvePattern:
         """The curve as `DrawnSettings.drawing` begins it, and raises."""

@@ -14,6 +14,7 @@ import numpy as np
 from fdjax.keys import FLAG, key, number, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
+from fdjax.pattern.base import corrections_key
 from fdjax.pattern.chart_settings import ChartSettings, spline_of, twisted
 from fdjax.pattern.depth import depths_of, free_spline, times_of, varies
 from fdjax.pattern.drawn_pattern import Placing
@@ -38,6 +39,7 @@ class DrawnSettings(ChartSettings):
     turned: bool = key(
         FLAG, "every second layer turns the drawing by a quarter, in its plane", default=False
     )
+    corrections: int = corrections_key(2)
     mode = "both"
 
     def drawing(

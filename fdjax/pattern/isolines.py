@@ -12,7 +12,7 @@ import numpy as np
 from fdjax.field.spline import Axis
 from fdjax.limits import Limits
 from fdjax.part.part import Part
-from fdjax.pattern.base import mode_key, phases_key
+from fdjax.pattern.base import corrections_key, mode_key, phases_key
 from fdjax.pattern.chart_settings import ChartSettings, spline_of, twisted
 from fdjax.pattern.isoline_pattern import IsolinePattern
 from fdjax.pattern.straight import profiles
@@ -29,6 +29,7 @@ class Isolines(ChartSettings):
 
     mode: str = mode_key()
     phases: int = phases_key()
+    corrections: int = corrections_key(1)
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> IsolinePattern:
         """Straight lines, those of xi across `angle`, as dense across as the target asks.

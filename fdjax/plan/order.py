@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import KDTree
 
+from fdjax.plan.near import Near
 from fdjax.plan.toolpath import Road
 
 Floats = NDArray[np.float64]
@@ -78,17 +78,17 @@ def _nearest_first(ends: Floats, begin: Floats, neighbours: list[list[int]]) -> 
     points = ends.reshape(-1, 2)
     taken = np.zeros(len(points), bool)
     left = np.arange(len(points))
-    tree = KDTree(points)
+    tree = Near(points)
 
     def nearest(here: Floats) -> int:
         nonlocal left, tree
         if 2 * np.count_nonzero(taken[left]) > len(left):
             left = left[~taken[left]]
-            tree = KDTree(points[left])
+            tree = Near(points[left])
         count = _QUERY
         while True:
-            gaps, found = tree.query(here, min(count, len(left)))
-            gaps, found = np.atleast_1d(gaps), left[np.atleast_1d(found)]
+            [gaps], [found] = tree.query(here[None], min(count, len(left)))
+            found = left[found]
             free = ~taken[found]
             if free.any():
                 return int(found[free & (gaps <= gaps[free][0])].min())
@@ -109,7 +109,7 @@ def _neighbours(ends: Floats) -> list[list[int]]:
     """The nearest ends of other roads to each end, nearest first, of equals the first road's."""
     points = ends.reshape(-1, 2)
     count = min(_NEIGHBOURS + 2, len(points))
-    gaps, near = KDTree(points).query(points, count)
+    gaps, near = Near(points).query(points, count)
     near = np.take_along_axis(near, np.lexsort((near, gaps)), axis=1)
     own = np.arange(len(points))[:, None]
     return [

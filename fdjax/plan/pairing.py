@@ -4,7 +4,8 @@ from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
+
+from fdjax.plan.near import Near
 
 Floats = NDArray[np.float64]
 
@@ -27,8 +28,7 @@ def pairs(points: Floats) -> NDArray[np.intp]:
     count = len(points)
     if not count:
         return np.zeros((0, 2), np.intp)
-    distance, near = KDTree(points).query(points, min(_NEIGHBOURS + 1, count))
-    distance, near = np.asarray(distance, float), np.asarray(near, np.intp)
+    distance, near = Near(points).query(points, min(_NEIGHBOURS + 1, count))
     mate = _nearest_first(points, distance, near)
     at: list[complex] = (points[:, 0] + 1j * points[:, 1]).tolist()
     neighbours = near.tolist()

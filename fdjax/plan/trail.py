@@ -11,9 +11,6 @@ from itertools import combinations
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree
 from shapely import MultiPolygon, Polygon
 
 from fdjax.errors import InputError
@@ -117,6 +114,10 @@ def _contracted(xy: Floats, edges: Ints, width: Floats) -> tuple[Floats, Ints, F
 
 def _merged(xy: Floats, near: Ints) -> tuple[Floats, Ints]:
     """Points of which these pairs become one, in their middle, and the new number of each."""
+    # Loaded here, as lines do without: it takes longer than to lay them.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     pairing = coo_array((np.ones(len(near)), tuple(near.T)), shape=(len(xy), len(xy)))
     count, number = connected_components(pairing, directed=False)
     size = np.bincount(number, minlength=count)
@@ -196,6 +197,8 @@ def _together(ends: Floats, walls: Walls) -> tuple[Floats, Ints]:
     """
     if not len(ends):
         return ends, np.zeros(0, int)
+    from scipy.spatial import KDTree
+
     near = KDTree(ends).query_pairs(walls.road_width, output_type="ndarray")
     middle, number = _merged(ends, near)
     to_room = shapely.shortest_line(walls.free, shapely.points(middle))

@@ -236,6 +236,11 @@ def test_commands_load_only_what_they_need(plate, arguments, kept_out):
     subprocess.run([sys.executable, "-c", code], check=True, cwd=plate.parent, capture_output=True)
 
 
+def test_a_design_of_lines_does_without_scipy():
+    code = "import sys, fdjax.app.run, fdjax.pattern.isolines; assert 'scipy' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 def test_a_design_sets_up_numpy_before_it_is_loaded(tmp_path):
     code = (
         "import sys; from fdjax.app import cli; "

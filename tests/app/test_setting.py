@@ -7,7 +7,7 @@ import pytest
 from fdjax.app import config, planning, setting
 from fdjax.app.cli import main
 
-JOB = """
+JOB = """{head}
 [part]
 {part}
 layers = 4
@@ -27,7 +27,7 @@ LINE, SIDE = "{ polyline = [[0, 0], [60, 0]] }", "{ polyline = [[60, 0], [60, 40
 
 def refused(tmp_path, capsys, **tables):
     job = tmp_path / "job.toml"
-    job.write_text(JOB.format(**{"target": 'solid = "0.2"', "pattern": "", **tables}))
+    job.write_text(JOB.format(**{"head": "", "target": 'solid = "0.2"', "pattern": "", **tables}))
     with mock.patch.object(planning, "solve", side_effect=AssertionError("computing has begun")):
         assert main(["design", str(job), "--out", str(tmp_path / "out"), "--quiet"]) == 2
     assert not (tmp_path / "out").exists()
@@ -58,11 +58,33 @@ def test_less_than_one_line_a_layer(tmp_path, capsys, solid, pattern, enough):
 )
 def test_a_target_with_lines_somewhere_is_let_through(tmp_path, solid):
     path = tmp_path / "job.toml"
-    path.write_text(JOB.format(part=STRIP, target=f'solid = "{solid}"', pattern=""))
+    path.write_text(JOB.format(head="", part=STRIP, target=f'solid = "{solid}"', pattern=""))
     job = config.load(path)
     part = setting.part_of(job.part)
     target = setting.target_of(job.target, part)
     setting.check_lines(job, part, target, setting.machine_of(job, "ssl"))
+
+
+FINE = 'road_width = "0.32mm"'
+"""As the G-code's machine lays it; the one of the SML lays 0.3556 mm or more."""
+
+
+def test_a_file_that_is_asked_for_and_cannot_be_laid_is_refused_before_the_design(tmp_path, capsys):
+    files = 'files = ["sml"]\n'
+    said = refused(tmp_path, capsys, part=STRIP, pattern=FINE, head=files)
+    assert "job.sml: road_width: 0.32 mm; stratasys-fdm1650 lays 0.3556" in said
+    assert "leave it out of files" in said
+
+
+def test_a_file_that_nobody_named_and_cannot_be_laid_is_left_out_and_told_of(tmp_path):
+    path = tmp_path / "job.toml"
+    path.write_text(JOB.format(head="", part=STRIP, target='solid = "0.2"', pattern=FINE))
+    job = config.load(path)
+    machines, left_out = setting.machines_of(job, setting.part_of(job.part))
+    assert list(machines) == ["gcode", "ssl"]
+    assert left_out == [
+        "job.sml: not written: road_width: 0.32 mm; stratasys-fdm1650 lays 0.3556 to 1.016 mm"
+    ]
 
 
 @pytest.mark.parametrize(

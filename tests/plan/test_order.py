@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fdjax.plan.near import Near
 from fdjax.plan.order import order_roads, reversed_road
 from fdjax.plan.simplify import simplify_road
 from fdjax.plan.toolpath import Layer, Road
@@ -106,3 +107,14 @@ def test_simplify_keeps_every_change_of_width():
     simple = simplify_road(road)
     assert simple.xy[:, 0].tolist() == [0, 2, 5, 6]
     assert simple.width.tolist() == [0.3, 0.4, 0.3]
+
+
+def test_near_is_the_same_with_and_without_a_tree():
+    rng = np.random.default_rng(5)
+    points, places = rng.uniform(0, 9, (150, 2)), rng.uniform(0, 9, (7, 2))
+    beyond = np.concatenate([points, rng.uniform(90, 99, (150, 2))])
+    for count in (1, 4):
+        few, many = Near(points).query(places, count), Near(beyond).query(places, count)
+        assert few[0].shape == few[1].shape == (7, count)
+        np.testing.assert_allclose(few[0], many[0])
+        np.testing.assert_array_equal(few[1], many[1])
