@@ -1,7 +1,5 @@
 """`python -m fdjax` is the command line."""
 
-import sys
+from fdjax.app.cli import command
 
-from fdjax.app.cli import main
-
-sys.exit(main())
+command()

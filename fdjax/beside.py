@@ -126,3 +126,5 @@ def _serve(modules: list[str], asked: IO[bytes], answers: IO[bytes]) -> None:
 
 if __name__ == "__main__":
     _serve(sys.argv[1:], sys.stdin.buffer, sys.stdout.buffer)
+    # Somebody waits for the end: what was loaded need not be taken apart first.
+    os._exit(0)

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from fdjax.errors import DesignError, InputError, StreamError
 
@@ -31,8 +31,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments.command(arguments)
         sys.stdout.flush()
-        # The process ends: no last look for rings among a million objects.
-        gc.freeze()
     except InputError as fault:
         return _fail(fault, BAD_INPUT)
     except DesignError as fault:
@@ -45,6 +43,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Whoever reads the output has had enough: what is left of it goes nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
+
+
+def command() -> NoReturn:
+    """`main` as a program, which ends at once: what it holds need not be taken apart first."""
+    code = main()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code)
 
 
 def _fail(fault: object, code: int) -> int:
