@@ -68,7 +68,8 @@ class _Work:
 
     def __init__(self, state: GcodeState, time: ManyMotions) -> None:
         self.time, self.laid = time, 0.0
-        self._state, self._owed = state, 0.0
+        self._state = state
+        self._owed: dict[int, float] = {}  # by tool: pulled back and not yet returned, mm^3
 
     def take(self, text: bytes) -> None:
         """Take a whole file."""
@@ -108,5 +109,6 @@ class _Work:
         self._pay(motions.volume)
 
     def _pay(self, volume: Floats) -> None:
-        laid, self._owed = paid(volume, self._owed)
+        tool = self._state.tool
+        laid, self._owed[tool] = paid(volume, self._owed.get(tool, 0.0))
         self.laid += float(laid.sum())

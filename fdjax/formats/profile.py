@@ -5,7 +5,7 @@
 import difflib
 import re
 import tomllib
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,15 +70,18 @@ class Cooling:
 class Tool:
     """One of several tools.
 
-    - `nozzle`: degrees Celsius while it lays; `standby`: while another does, 0 leaves it as hot.
-    - `retract`: mm pulled back before a travel; `park`: mm pulled back before another takes over,
-      and given back when it is its turn again.
+    - `nozzle`: degrees Celsius while it lays; `standby`: while another does, 0 leaves it as hot;
+      `ahead`: so many seconds before its turn it is told to heat, as roads and travel take at their
+      speeds. At its turn it is waited for.
+    - `retract`: mm pulled back before a travel; None is what holds for all; `park`: mm pulled back
+      before another takes over, and given back when it is its turn again; None is `retract`.
     """
 
     nozzle: int = key(strict.whole(0, 500))
     standby: int = key(strict.whole(0, 500), default=0)
+    ahead: float = key(strict.number(0, 3600), default=0.0)
     retract: float | None = key(strict.length(0, 20), default=None)
-    park: float = key(strict.length(0, 100), default=0.0)
+    park: float | None = key(strict.length(0, 100), default=None)
 
 
 @dataclass(frozen=True)
@@ -86,18 +89,20 @@ class Tower:
     """A square on the bed, laid solid layer by layer as far up as tools change, to prime them.
 
     - `at`: its corner of least x and y, machine coordinates, mm; `side`: mm, rounded to whole
-      roads.
+      roads, and larger where that takes.
+    - `purge`: mm^3 that each change of tool lays at least.
     """
 
     at: tuple[float, float] = key(strict.lengths(2, -10_000, 10_000))
     side: float = key(strict.length(2, 200))
+    purge: float = key(strict.number(0, 1000), default=0.0)
 
 
 @dataclass(frozen=True)
 class Gcode:
     """What the G-code writer needs of a machine.
 
-    - `tools`: how many it has; `relative_e`: M83, else M82.
+    - `tools`: how many it has; `one_nozzle`: whether they share one; `relative_e`: M83, else M82.
     - `start`: code that heats and homes; `prime`: code that deposits outside the part, relative
       E; `end`: code that turns everything off. `template.GCODE_NAMES` lists the placeholders.
     - `tool`: of each tool, where there are several; `tower`: where they are primed, or None.
@@ -115,10 +120,19 @@ class Gcode:
     cooling: Cooling = key(table(Cooling))
     tool: tuple[Tool, ...] = key(strict.tables(Tool), default=())
     tower: Tower | None = key(table(Tower), default=None)
+    one_nozzle: bool = key(strict.flag, default=False)
+
+    @property
+    def heaters(self) -> int:
+        """How many nozzles are heated."""
+        return 1 if self.one_nozzle else self.tools
 
     def tool_at(self, number: int) -> Tool:
-        """What is known of a tool; of one that no table describes, what holds for all."""
-        return self.tool[number] if self.tool else Tool(self.temperature.nozzle)
+        """What is known of a tool, with what holds for all where it says nothing of its own."""
+        own = self.tool[number] if self.tool else Tool(self.temperature.nozzle)
+        retract = self.retraction.length if own.retract is None else own.retract
+        park = retract if own.park is None else own.park
+        return replace(own, retract=retract, park=park)
 
 
 @dataclass(frozen=True)
@@ -300,11 +314,8 @@ def _check(machine: Machine, where: str) -> None:
         if name not in HANDSHAKES:
             known = ", ".join(HANDSHAKES)
             raise InputError(f"{where}: stream.handshake: {name!r}; one of {known} is needed")
-    if machine.gcode is not None and len(machine.gcode.tool) not in (0, machine.gcode.tools):
-        count = len(machine.gcode.tool)
-        raise InputError(
-            f"{where}: gcode.tool: {count} tables for {machine.gcode.tools} tools; one each"
-        )
+    if machine.gcode is not None:
+        _check_tools(machine.gcode, where)
     if machine.sml is not None:
         sml = machine.sml
         check([sml.layer], ["z"], f"{where}: sml.layer")
@@ -321,3 +332,21 @@ def _check(machine: Machine, where: str) -> None:
             raise InputError(f"{where}: sml.comment: {sml.comment!r}; a sign such as '#'")
         if not sml.materials or len(set(sml.materials)) < len(sml.materials):
             raise InputError(f"{where}: sml.materials: one command a material, all different")
+
+
+def _check_tools(gcode: Gcode, where: str) -> None:
+    count = len(gcode.tool)
+    if count not in (0, gcode.tools):
+        raise InputError(f"{where}: gcode.tool: {count} tables for {gcode.tools} tools; one each")
+    begins = any(line.split()[:1] == ["T{first_tool}"] for line in gcode.start)
+    if gcode.tools > 1 and not begins:
+        raise InputError(
+            f"{where}: gcode.start: lacks T{{first_tool}}; any of {gcode.tools} tools may be in "
+            "use since the print before"
+        )
+    for number, tool in enumerate(gcode.tool):
+        if gcode.one_nozzle and tool.standby:
+            raise InputError(
+                f"{where}: gcode.tool[{number}].standby: {tool.standby} C, but all tools share one "
+                "nozzle (one_nozzle); 0 is right"
+            )

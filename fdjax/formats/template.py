@@ -8,6 +8,7 @@ from fdjax.errors import InputError
 _NAME = re.compile(r"\{([^{}]*)\}")
 
 GCODE_NAMES = (
+    "first_tool",
     "nozzle_temperature",
     "bed_temperature",
     "bed_x",
@@ -19,7 +20,8 @@ GCODE_NAMES = (
 )
 """What start, prime and end code of a G-code machine may use; lengths in mm.
 
-`first_height` is the first layer's height, `top_z` the last layer's z and `park_z` 10 mm above
+`first_tool` is the tool that lays first, `nozzle_temperature` its; `first_height` is the first
+layer's height, `top_z` the last layer's z and `park_z` 10 mm above
 it, but not above the bed's height.
 """
 

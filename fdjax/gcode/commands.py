@@ -16,7 +16,7 @@ _ELSEWHERE = "moves the zero of coordinates to where the file does not say"
 
 def _heat(record: Record, words: Words) -> None:
     if "S" in words or "R" in words:
-        tool = int(words.get("T", record.tool))
+        tool = 0 if record.one_nozzle else int(words.get("T", record.tool))
         record.nozzles[tool] = words.get("S", words.get("R", 0.0))
 
 

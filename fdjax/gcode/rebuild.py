@@ -12,9 +12,9 @@ DIRECT = ("G21", "G90", "M83")
 """Millimetres, absolute axes, relative E; E last, as G90 sets its mode too in Marlin."""
 
 
-def heats(nozzles: Mapping[int, float], *, tools: int) -> list[str]:
-    """Set temperatures of nozzles, by their tools, without waiting."""
-    if tools == 1:
+def heats(nozzles: Mapping[int, float], *, heaters: int) -> list[str]:
+    """Set temperatures of nozzles, by their numbers, without waiting."""
+    if heaters == 1:
         return [f"M104 S{heat:g}" for heat in nozzles.values()]
     return [f"M104 T{tool} S{heat:g}" for tool, heat in nozzles.items()]
 
@@ -25,10 +25,10 @@ def select(record: Record) -> list[str]:
     return [f"T{record.tool}", *ended]
 
 
-def heat_all(record: Record, *, tools: int) -> list[str]:
+def heat_all(record: Record, *, heaters: int) -> list[str]:
     """All temperatures that the file has set, without waiting."""
     chamber = [f"M141 S{record.chamber:g}"] if record.chamber else []
-    return [f"M140 S{record.bed:g}", *chamber, *heats(record.nozzles, tools=tools)]
+    return [f"M140 S{record.bed:g}", *chamber, *heats(record.nozzles, heaters=heaters)]
 
 
 def wait_for_heat(record: Record) -> list[str]:

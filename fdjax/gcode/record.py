@@ -48,6 +48,7 @@ class Record:
     - `accelerations`: of M204, mm/s^2, by its letters: P for roads, T for travel, R for filament.
     - `settings`: all others that hold until they are given again, as they were said; `saved`:
       states that the file had saved. `offset`: that of Klipper's SET_GCODE_OFFSET, part of `shift`.
+    - `one_nozzle`: whether all tools lay through that of tool 0.
     - `tool`; `nozzles`, `bed`, `chamber`: set temperatures; `fans`: S of each, 0 to 255.
     - `coldest`: the least temperature at which filament is pushed, where M302 said one.
     - `retracted`: whether G10 has pulled filament back and G11 not returned it.
@@ -83,6 +84,7 @@ class Record:
     saved: dict[str, Saved] = field(default_factory=dict)
     offset: Point = (0.0, 0.0, 0.0)
     tool: int = 0
+    one_nozzle: bool = False
     nozzles: dict[int, float] = field(default_factory=dict)
     bed: float = 0.0
     chamber: float = 0.0
@@ -191,9 +193,14 @@ class Record:
         return self.on_bed[2] - self.shift[2]
 
     @property
+    def heater(self) -> int:
+        """Number of the nozzle in use."""
+        return 0 if self.one_nozzle else self.tool
+
+    @property
     def nozzle(self) -> float:
         """Set temperature of the tool in use."""
-        return self.nozzles.get(self.tool, 0.0)
+        return self.nozzles.get(self.heater, 0.0)
 
     @property
     def flow_factor(self) -> float:

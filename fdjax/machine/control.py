@@ -86,8 +86,8 @@ class _Gcode(Commands):
 
     def off(self, state: State, machine: Machine) -> list[str]:
         assert isinstance(state, GcodeState)
-        count = tools(machine)
-        lines = [*rebuild.heats(dict.fromkeys(range(count), 0.0), tools=count), "M140 S0"]
+        count = machine.gcode.heaters if machine.gcode is not None else 1
+        lines = [*rebuild.heats(dict.fromkeys(range(count), 0.0), heaters=count), "M140 S0"]
         lines += ["M141 S0"] if state.chamber else []
         if any(name == "SET_HEATER_TEMPERATURE" for name, _, _ in state.settings):
             lines.append("TURN_OFF_HEATERS")

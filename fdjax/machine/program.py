@@ -42,7 +42,12 @@ def switched_on(machine: Machine, firmware: str) -> GcodeState:
         return GcodeState(firmware_of(firmware))
     extrusion = machine.gcode.extrusion
     area = math.pi / 4 * extrusion.filament**2
-    return GcodeState(firmware_of(firmware), filament_area=area, flow=extrusion.flow)
+    return GcodeState(
+        firmware_of(firmware),
+        filament_area=area,
+        flow=extrusion.flow,
+        one_nozzle=machine.gcode.one_nozzle,
+    )
 
 
 @dataclass(frozen=True)

@@ -213,7 +213,7 @@ def way_back(
     return [
         *rebuild.DIRECT,
         *rebuild.out_of_object(state),
-        *rebuild.heat_all(state, tools=count),
+        *rebuild.heat_all(state, heaters=machine.gcode.heaters if machine.gcode else 1),
         *rebuild.set_before_homing(state, tools=count),
         *(line.format(z=height) for line in state.firmware.stands if lost),
         f"G1 Z{high:.3f} F600" if lost else rise(now, high, state, machine),

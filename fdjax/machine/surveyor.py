@@ -295,7 +295,7 @@ class Surveyor:
         state = self._state
         assert isinstance(state, GcodeState)
         # Another tool's heater may be this one's too.
-        shared = state.tool not in state.nozzles and self._hottest[0] >= self._coldest
+        shared = state.heater not in state.nozzles and self._hottest[0] >= self._coldest
         severity = "warning" if self._macros or shared else "error"
         right = f"M109 with {self._coldest:g} C or more must come first"
         right += "; the profile's stream.coldest" + (" or M302" if state.firmware.coldest else "")

@@ -24,7 +24,7 @@ def rebuilt(state, tools=1):
     other.on_bed = state.on_bed
     for line in (
         *rebuild.DIRECT,
-        *rebuild.heat_all(state, tools=tools),
+        *rebuild.heat_all(state, heaters=tools),
         *rebuild.set_before_homing(state, tools=tools),
         *rebuild.set_after_homing(state),
         *rebuild.saved_states(state),

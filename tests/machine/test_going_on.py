@@ -367,11 +367,16 @@ def cut_and_compared(folder, firmware, accident, seed):
     (Cutter if firmware == "grbl" else Writer)(firmware, seed).write(path)
     program = Program(path, machine_of(firmware))
     assert survey(program).errors == ()
+    line = random.Random(1000 + seed).choice(likely(program)[3:-AHEAD])
+    print(firmware, accident, seed, line)
+    compared(program, firmware, accident, line)
+
+
+def compared(program, firmware, accident, line):
+    """One print that is cut at a line and gone on with, beside one that is not."""
     whole, bench = Bench(firmware, program), Bench(firmware, program)
     whole.stream().run()
     lines = [command.line for command in program.commands()]
-    line = random.Random(1000 + seed).choice(likely(program)[3:-AHEAD])
-    print(firmware, accident, seed, line)
     begun = cut(bench, accident, line)
     if accident != "pause":
         stood = height_of(bench.moves)

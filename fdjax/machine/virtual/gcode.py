@@ -60,7 +60,9 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
     def __init__(self, machine: Machine, **options) -> None:
         super().__init__(machine, **options)
         self.room = machine.room
-        self.tools = machine.gcode.tools if machine.gcode is not None else 1
+        self.tools, self._nozzles = 1, 1
+        if machine.gcode is not None:
+            self.tools, self._nozzles = machine.gcode.tools, machine.gcode.heaters
         self.coldest = machine.stream.coldest
         self.state = self._fresh()
         self.heaters = self._heaters()
@@ -71,7 +73,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
     def _heaters(self) -> dict[str, Heater]:
         """By the names of reports: B, and T0, T1, ... of the nozzles."""
         faster = 1 / self.pace if self.pace else 1e6
-        nozzles = {f"T{tool}": Heater(_NOZZLE * faster) for tool in range(self.tools)}
+        nozzles = {f"T{tool}": Heater(_NOZZLE * faster) for tool in range(self._nozzles)}
         return {"B": Heater(_BED * faster), **nozzles}
 
     def _fresh(self) -> GcodeState:
@@ -180,7 +182,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
         if name in _WAITS:
             until = self.rest_at
         if name in ("M109", "M190"):
-            nozzle = f"T{words.get('T', state.tool)}"
+            nozzle = f"T{state.heater if state.one_nozzle else words.get('T', state.tool)}"
             heater = self.heaters.get("B" if name == "M190" else nozzle)
             until += heater.wait(self.now) if heater is not None else 0.0
         return until
@@ -204,7 +206,7 @@ class AbstractGcodeMachine(AbstractVirtualMachine):
 
     def _is_cold(self) -> bool:
         least = self.coldest if self.state.coldest is None else self.state.coldest
-        heater = self.heaters.get(f"T{self.state.tool}")
+        heater = self.heaters.get(f"T{self.state.heater}")
         return heater is not None and heater.at(self.now) < least
 
     def _answers_to(self, name: str) -> bool:
