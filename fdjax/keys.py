@@ -265,6 +265,18 @@ def pair(kind: Kind) -> Kind:
     return Kind(f"two of: {kind.text}", read)
 
 
+def several(one: Kind) -> Kind:
+    """One or more values of one kind."""
+
+    def read(value: Any, place: Place) -> tuple[Any, ...]:
+        items = _list(value, place)
+        if not items:
+            raise place.error("is empty; one value or more is needed")
+        return tuple(one.read(item, place.at(f"[{k}]")) for k, item in enumerate(items))
+
+    return Kind(f"list of {one.text}", read)
+
+
 def _coordinate(value: Any, place: Place) -> float:
     if isinstance(value, str):
         return length(value, place.where)

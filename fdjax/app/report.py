@@ -155,10 +155,12 @@ def table_of(job: Job, result: Design, written: list[Written], notes: list[str])
             f" {sum(layer.travel for layer in build.layers):8.1f} {len(each.findings):8d}"
         )
         if each.materials is not None:
-            rows.append(
-                "  materials: {got:.4f} of the volume is the second, {asked:.4f} asked; "
-                "{changes} changes".format(**each.materials)
+            got, asked = (
+                ", ".join(f"{share:.4f}" for share in each.materials[key])
+                for key in ("got", "asked")
             )
+            changes = each.materials["changes"]
+            rows.append(f"  materials: {got} of the volume, {asked} asked; {changes} changes")
     return "\n".join(
         [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows", *notes]
     )

@@ -64,8 +64,8 @@ def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
         return plan
     return assigned(
         plan,
-        job.materials.rule(part),
-        job.materials.tools,
+        job.materials.rules(part),
+        job.materials.numbers,
         split=job.materials.split,
         least_road=least_road(machine),
     )

@@ -61,7 +61,8 @@ def _roads(at: tuple[float, float], lines: int, width: float, count: int) -> lis
     for own in np.array_split(places, count):
         ends = np.tile([width / 2, lines * width - width / 2], (len(own), 1))
         ends[1::2] = ends[1::2, ::-1]
-        xy = np.stack([at[0] + np.repeat(own, 2), at[1] + ends.ravel()], 1)
+        corner = np.asarray(at, float)
+        xy = np.stack([corner[0] + np.repeat(own, 2), corner[1] + ends.ravel()], 1)
         made.append(Road(xy, np.full(len(xy) - 1, width)))
     return made
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from fdjax.errors import InputError
-from fdjax.keys import LENGTH, Kind, Place, choice, key, number, pair, points, show, whole
+from fdjax.keys import LENGTH, Kind, Place, choice, key, number, pair, points, several, show, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.part.region import Region
@@ -44,21 +44,12 @@ def _domains(value: Any, place: Place) -> dict[str, Any]:
     readers = {
         "grid": pair(whole(1, 100)),
         "sites": points(1),
-        "levels": _several(number(0, 1)),
-        "polygons": _several(points(3)),
+        "levels": several(number(0, 1)),
+        "polygons": several(points(3)),
     }
     if way not in readers:
         choice(*readers).read(way, place)
     return {way: readers[way].read(what, place.at(f".{way}"))}
-
-
-def _several(one: Kind) -> Kind:
-    def read(value: Any, place: Place) -> tuple[Any, ...]:
-        if not isinstance(value, list | tuple) or not value:
-            raise place.error(f"{show(value)} must be a list in [ ]")
-        return tuple(one.read(item, place.at(f"[{k}]")) for k, item in enumerate(value))
-
-    return Kind(f"list of {one.text}", read)
 
 
 DOMAINS = Kind(
@@ -80,10 +71,10 @@ class Rasters(AbstractSettings):
         "levels, or as given; by default the region is one", default=None, shown="-",
     )  # fmt: skip
     fills: tuple[str, ...] = key(
-        _several(choice(*FILLS)), "of each sub-domain in turn", default=["raster"]
+        several(choice(*FILLS)), "of each sub-domain in turn", default=["raster"]
     )
     angles: tuple[float, ...] = key(
-        _several(number(-360, 360)), "of the rasters with the x axis, degrees, likewise",
+        several(number(-360, 360)), "of the rasters with the x axis, degrees, likewise",
         default=[45.0],
     )  # fmt: skip
     turn: float = key(
@@ -91,14 +82,14 @@ class Rasters(AbstractSettings):
     )
     road_width: float = road_width_key()
     road_widths: tuple[float, ...] | None = key(
-        _several(LENGTH), "of each sub-domain in turn, instead of one", default=None, shown="-"
+        several(LENGTH), "of each sub-domain in turn, instead of one", default=None, shown="-"
     )
     perimeters: int = key(whole(0, 20), "closed roads along the sides of each", default=1)
     phases: int = key(
         whole(1, 100), "layers of one angle over which the lines are shifted", default=5
     )
     air_gaps: tuple[float, ...] | None = key(
-        _several(number(0)), "between roads, mm, of each in turn; by default what the target asks",
+        several(number(0)), "between roads, mm, of each in turn; by default what the target asks",
         default=None, shown="by target",
     )  # fmt: skip
     controls = ()

@@ -1,6 +1,6 @@
 """Which material each road is laid with, and in which order, so that tools change seldom."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from fdjax.plan.toolpath import Build, Layer, Road
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
 
 _FINE = 0.5
 """Where a road is split it is looked at every so many of its widths."""
@@ -74,7 +75,7 @@ class ByChance:
         return best
 
 
-def _balance(above: Bools, volumes: Floats, goal: float, order: NDArray[np.intp]) -> None:
+def _balance(above: Bools, volumes: Floats, goal: float, order: Ints) -> None:
     """Move single roads across, or exchange two, while that brings the volume above nearer."""
     while True:
         over = float(volumes[above].sum()) - goal
@@ -126,43 +127,86 @@ def centres(build: Build) -> tuple[Floats, Floats]:
     return np.array(places).reshape(-1, 3), np.concatenate(volumes)
 
 
-def assigned(
-    build: Build, rule: Rule, tools: tuple[int, int], *, split: bool = False, least_road: float = 0
-) -> Build:
-    """The build with each road of one of two materials, by its centre, and few changes of tool.
+def numbered(rules: Sequence[Rule], xyz: Floats, volumes: Floats) -> Ints:
+    """Which material each of some roads is of, counted from 0, shape (n,).
 
-    - `tools`: numbers of the material below and the one above.
+    - `rules`: the first says which are above the first material, the next which of these are above
+      the second, and so on; `xyz`: centres (n, 3), mm; `volumes`: (n,), mm^3.
+
+    >>> numbered([ByPlace(lambda x, y, z: x)], np.array([[-1.0, 0, 0], [1, 0, 0]]), np.ones(2))
+    array([0, 1])
+    """
+    found = np.zeros(len(volumes), int)
+    for number, rule in enumerate(rules):
+        own = np.flatnonzero(found == number)
+        found[own[rule(xyz[own], volumes[own])]] = number + 1
+    return found
+
+
+def assigned(
+    build: Build,
+    rules: Sequence[Rule],
+    tools: Sequence[int],
+    *,
+    split: bool = False,
+    least_road: float = 0,
+) -> Build:
+    """The build with each road of one of several materials, by its centre, and few changes of tool.
+
+    - `rules`: as `numbered` takes them, one fewer than materials; `tools`: of each material.
     - `split`: roads are cut where the material changes, to half a road's width; of roads drawn by
       chance one is cut so that the share is met. A piece shorter than three widths or than
       `least_road`, mm, takes the material of its neighbours or grows, as keeps the shares.
 
-    A layer begins with the material with which the one below it ended: so there is at most one
-    change a layer, and layers alternate which comes first.
+    A layer begins with the material with which the one below it ended: so of two there is at most
+    one change a layer, and layers alternate which comes first.
     """
-    if split and not isinstance(rule, ByChance):
-        owed = Owed()
-        build = build.replace(
-            layers=tuple(_split(layer, rule, least_road, owed) for layer in build.layers)
-        )
-    else:
-        build = _whole(build, rule)
+    build = _each(build, lambda road: 0)
+    for number, rule in enumerate(rules):
+        if split and not isinstance(rule, ByChance):
+            owed = Owed()
+            layers = [_split(layer, number, rule, least_road, owed) for layer in build.layers]
+            build = build.replace(layers=tuple(layers))
+            continue
+        build = _whole(build, number, rule)
         if split and isinstance(rule, ByChance):
-            build = _met(build, rule.share, least_road)
+            build = _met(build, number, rule.share, least_road)
     layers, last = [], 0
-    for layer in build.layers:
+    for layer, above in zip(build.layers, [*build.layers[1:], None], strict=True):
         roads: list[Road] = []
-        for which in (last, 1 - last):
-            own = [
-                replace(road, material=tools[which])
-                for road in layer.roads
-                if road.material == which
-            ]
+        for number in _sequence(layer, above, last):
+            own = [road for road in layer.roads if road.material == number]
             if len(own) < len(layer.roads):
                 own = order_roads(own, start=roads[-1].path[-1] if roads else None)
             roads += own
-            last = which if own else last
+            last = number
         layers.append(replace(layer, roads=tuple(roads)))
-    return build.replace(layers=tuple(layers))
+    return _each(build.replace(layers=tuple(layers)), lambda road: tools[road.material])
+
+
+def _each(build: Build, material: Callable[[Road], int]) -> Build:
+    """The build with another material of each road."""
+    return build.replace(
+        layers=tuple(
+            replace(layer, roads=tuple(replace(r, material=material(r)) for r in layer.roads))
+            for layer in build.layers
+        )
+    )
+
+
+def _sequence(layer: Layer, above: Layer | None, last: int) -> list[int]:
+    """The order of a layer's materials: the last one first, and at the end one of the next layer's
+    where it has some.
+    """
+    own = set(layer.materials.tolist())
+    first = [last] if last in own else []
+    rest = sorted(own.difference(first))
+    after = set() if above is None else set(above.materials.tolist())
+    ends = [each for each in rest if each in after]
+    if ends and rest[-1] not in after:
+        rest.remove(ends[-1])
+        rest.append(ends[-1])
+    return first + rest
 
 
 def changes(build: Build) -> int:
@@ -175,53 +219,58 @@ def changes(build: Build) -> int:
     return int(np.count_nonzero(np.diff(order)))
 
 
-def _whole(build: Build, rule: Rule) -> Build:
-    """Each road of the material, 0 or 1, that a rule gives it."""
-    above = rule(*centres(build)).tolist()
-    layers = []
-    for layer in build.layers:
-        own, above = above[: len(layer.roads)], above[len(layer.roads) :]
-        roads = (
-            replace(road, material=int(over)) for road, over in zip(layer.roads, own, strict=True)
-        )
-        layers.append(replace(layer, roads=tuple(roads)))
-    return build.replace(layers=tuple(layers))
+def _whole(build: Build, number: int, rule: Rule) -> Build:
+    """Of the roads of one material those that a rule calls above of the next."""
+    places, volumes = centres(build)
+    own = np.concatenate([np.zeros(0), *(layer.materials for layer in build.layers)]) == number
+    above = iter(rule(places[own], volumes[own]).tolist())
+    return _each(
+        build, lambda road: number + next(above) if road.material == number else road.material
+    )
 
 
-def _met(build: Build, share: float, least_road: float) -> Build:
-    """One road, the largest that helps, cut so that the second material has its share."""
-    heaviest, over = (0.0, 0, 0), -share * build.volume
-    over += sum(float(layer.road_volumes[layer.materials == 1].sum()) for layer in build.layers)
-    for number, layer in enumerate(build.layers):
-        helps = np.where(layer.materials == (over > 0), layer.road_volumes, 0.0)
+def _met(build: Build, number: int, share: float, least_road: float) -> Build:
+    """One road, the largest that helps, cut so that of what is of one material and of the next
+    this one has its share.
+    """
+    below, next_to = (
+        sum(float(layer.road_volumes[layer.materials == each].sum()) for layer in build.layers)
+        for each in (number, number + 1)
+    )
+    heaviest, over = (0.0, 0, 0), next_to - share * (below + next_to)
+    for k, layer in enumerate(build.layers):
+        helps = np.where(layer.materials == number + (over > 0), layer.road_volumes, 0.0)
         if helps.max(initial=0.0) > heaviest[0]:
-            heaviest = float(helps.max()), number, int(np.argmax(helps))
+            heaviest = float(helps.max()), k, int(np.argmax(helps))
     if abs(over) <= _MET * build.volume or not heaviest[0]:
         return build
-    _, number, k = heaviest
-    layer = build.layers[number]
+    _, at, k = heaviest
+    layer = build.layers[at]
     road = layer.roads[k]
     owner, start, size = _steps(road)
     reach = np.cumsum(road.areas(layer.height)[owner] * size)
     above = (reach > abs(over)) == (over > 0)
-    pieces = _pieces(road, owner, start, size, above, least_road, Owed())
+    pieces = _pieces(road, number, owner, start, size, above, least_road, Owed())
     layer = replace(layer, roads=(*layer.roads[:k], *pieces, *layer.roads[k + 1 :]))
-    return build.replace(layers=(*build.layers[:number], layer, *build.layers[number + 1 :]))
+    return build.replace(layers=(*build.layers[:at], layer, *build.layers[at + 1 :]))
 
 
-def _split(layer: Layer, rule: Rule, least_road: float, owed: Owed) -> Layer:
+def _split(layer: Layer, number: int, rule: Rule, least_road: float, owed: Owed) -> Layer:
     roads: list[Road] = []
     z = layer.z - layer.height / 2
     for road in layer.roads:
+        if road.material != number:
+            roads.append(road)
+            continue
         owner, start, size = _steps(road)
         along = np.diff(road.path, axis=0) / road.segment_lengths[:, None]
         middle = start + size[:, None] / 2 * along[owner]
         above = rule(np.column_stack([middle, np.full(len(owner), z)]), size)
-        roads += _pieces(road, owner, start, size, above, least_road, owed)
+        roads += _pieces(road, number, owner, start, size, above, least_road, owed)
     return replace(layer, roads=tuple(roads))
 
 
-def _steps(road: Road) -> tuple[NDArray[np.intp], Floats, Floats]:
+def _steps(road: Road) -> tuple[Ints, Floats, Floats]:
     """A road in steps of half its width: the segment of each, where it begins, (n, 2), and its
     length, mm.
     """
@@ -235,16 +284,19 @@ def _steps(road: Road) -> tuple[NDArray[np.intp], Floats, Floats]:
 
 def _pieces(
     road: Road,
-    owner: NDArray[np.intp],
+    number: int,
+    owner: Ints,
     start: Floats,
     size: Floats,
     above: Bools,
     least: float,
     owed: Owed,
 ) -> list[Road]:
-    """A road cut where `above` changes between the steps that begin at `start`."""
+    """A road cut where `above` changes between the steps that begin at `start`: what is above is of
+    the material behind that of this number, the rest of this.
+    """
     if not (above != above[0]).any():
-        return [replace(road, material=int(above[0]))]
+        return [replace(road, material=number + int(above[0]))]
     if road.closed:
         # A closed road begins where the material changes.
         first = int(np.flatnonzero(above != np.roll(above, 1))[0])
@@ -252,7 +304,7 @@ def _pieces(
         start, above = np.roll(start, -first, 0), np.roll(above, -first)
     runs = runs_of(above, size, shortest_road(road.width, least), owed)
     if len(runs) == 1:
-        return [replace(road, material=int(runs[0][2]))]
+        return [replace(road, material=number + int(runs[0][2]))]
     end = np.concatenate([start[1:], start[:1] if road.closed else road.path[-1:]])
     made = []
     for first, last, over in runs:
@@ -264,7 +316,7 @@ def _pieces(
         made.append(
             replace(
                 road, xy=xy, width=road.width[owner[keep]], section=section, closed=False,
-                material=int(over),
+                material=number + int(over),
             )
         )  # fmt: skip
     return made

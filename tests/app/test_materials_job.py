@@ -32,7 +32,7 @@ def test_a_split_function_is_met_by_volume_in_both_files(tmp_path):
     asked = 1 - (15**2 / 2) / 20**2
     for name, facts in report["files"].items():
         found = facts["materials"]
-        assert found["asked"] == pytest.approx(asked, abs=0.005)
+        assert found["asked"] == pytest.approx([1 - asked, asked], abs=0.005)
         assert found["got"] == pytest.approx(found["asked"], abs=0.01)
         assert found["changes"] <= 4
         build = read_file(tmp_path / name, machine=facts["machine"])
@@ -44,7 +44,7 @@ def test_a_split_function_is_met_by_volume_in_both_files(tmp_path):
                 beyond = (over if road.material else -over) < -0.3
                 wrong += road.segment_volumes(layer.height)[beyond].sum()
         assert wrong < 0.01 * build.volume
-    assert "of the volume is the second" in table
+    assert "of the volume, 0.2" in table
 
 
 def test_a_picture_is_looked_up_at_the_centre_of_each_road(tmp_path):
@@ -55,7 +55,7 @@ def test_a_picture_is_looked_up_at_the_centre_of_each_road(tmp_path):
     design(job, tmp_path, progress=lambda text: None)
     facts = json.loads((tmp_path / "report.json").read_text())["files"]["job.gcode"]["materials"]
     assert facts["wrong"] == 0
-    assert facts["asked"] == pytest.approx(0.75, abs=1e-6)
+    assert facts["asked"] == pytest.approx([0.25, 0.75], abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -63,9 +63,14 @@ def test_a_picture_is_looked_up_at_the_centre_of_each_road(tmp_path):
     [
         ({"function": "x", "share": 0.5}, "exactly one of"),
         ({"split": True}, "needs one of function, image, share"),
-        ({"function": "x", "tools": [1, 1]}, "both are 1"),
-        ({"share": 0.5, "unit": "in"}, "unit is for a function"),
-        ({"function": "x", "seed": 3}, "seed is for a share"),
+        ({"function": "x", "tools": [1, 1]}, "2 different ones are needed"),
+        ({"function": "x", "tools": [0, 1, 2]}, "2 different ones are needed"),
+        ({"function": "x", "levels": [1, 0]}, "each must be above the one before"),
+        ({"function": "x", "levels": []}, "one value or more is needed"),
+        ({"share": 0.5, "levels": [0]}, "levels is for function or image"),
+        ({"share": [0.7, 0.6]}, "more than 1 together"),
+        ({"share": 0.5, "unit": "in"}, "unit is for function"),
+        ({"function": "x", "seed": 3}, "seed is for share"),
         ({"function": "x +"}, "syntax error"),
         ({"image": "none.png"}, "no such file"),
         ({"share": 2}, "out of range"),

@@ -197,7 +197,7 @@ def materials(outlines: Sequence[str]) -> Iterator[str]:
                     continue
                 laid = facts["materials"]
                 yield told([
-                    name, outline, kind, f"{laid['asked']:.4f}", f"{laid['got']:.4f}",
+                    name, outline, kind, f"{laid['asked'][1]:.4f}", f"{laid['got'][1]:.4f}",
                     str(laid["changes"]), str(facts["layers"]), str(laid.get("wrong", "-")),
                 ])  # fmt: skip
 

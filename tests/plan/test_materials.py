@@ -34,7 +34,7 @@ def test_whole_roads_go_by_their_centres():
     square = Road(
         np.array([(8.0, 0), (11, 0), (11, 1), (11, 2), (11, 3), (8, 3)]), 0.4, closed=True
     )
-    build = assigned(build_of([line(0, 12, 5), line(9, 19, 7), square]), BY_X, (0, 1))
+    build = assigned(build_of([line(0, 12, 5), line(9, 19, 7), square]), [BY_X], (0, 1))
     assert centre(square) == pytest.approx([9.5, 1.5])
     assert sorted((road.xy[0, 0].item(), road.material) for road in build.layers[0].roads) == [
         (0, 0), (8, 0), (9, 1),
@@ -44,7 +44,7 @@ def test_whole_roads_go_by_their_centres():
 def test_split_roads_hold_their_volume_and_change_at_the_line():
     roads = [line(0, 20, 5), ring(10, 12, 4), line(2, 8, 9)]
     build = build_of(roads, roads)
-    made = assigned(build, BY_X, (0, 1), split=True, least_road=1.0)
+    made = assigned(build, [BY_X], (0, 1), split=True, least_road=1.0)
     assert made.volume == pytest.approx(build.volume, rel=1e-9)
     for layer in made.layers:
         assert [len([r for r in layer.roads if r.material == m]) for m in (0, 1)] == [3, 2]
@@ -57,7 +57,7 @@ def test_split_roads_hold_their_volume_and_change_at_the_line():
 def test_a_piece_too_short_to_lay_takes_its_neighbours_material_or_grows():
     def laid(half):
         narrow = ByPlace(lambda x, y, z: half - abs(x - 10.0))
-        made = assigned(build_of([line(0, 20, 5)]), narrow, (0, 1), split=True)
+        made = assigned(build_of([line(0, 20, 5)]), [narrow], (0, 1), split=True)
         return sorted(
             (road.xy[:, 0].min(), road.length, road.material) for road in made.layers[0].roads
         )
@@ -73,7 +73,7 @@ def test_a_piece_too_short_to_lay_takes_its_neighbours_material_or_grows():
 def test_many_pieces_too_short_keep_their_share(bias):
     rule = ByPlace(lambda x, y, z: np.sin(2.7 * x + y) + bias)
     build = build_of(*[[line(0, 20, k / 2) for k in range(1, 30)]] * 3)
-    made = assigned(build, rule, (0, 1), split=True, least_road=3.3)
+    made = assigned(build, [rule], (0, 1), split=True, least_road=3.3)
     roads = [road for layer in made.layers for road in layer.roads]
     assert min(road.length for road in roads) > 3.3 - 1e-6
     second = sum(road.length for road in roads if road.material) / (3 * 29 * 20)
@@ -84,7 +84,7 @@ def test_many_pieces_too_short_keep_their_share(bias):
 
 def test_layers_alternate_which_comes_first():
     roads = [line(0, 4, k) for k in (1, 3, 5)] + [line(14, 18, k) for k in (2, 4)]
-    build = assigned(build_of(*[roads] * 6), BY_X, (3, 1))
+    build = assigned(build_of(*[roads] * 6), [BY_X], (3, 1))
     order = [[road.material for road in layer.roads] for layer in build.layers]
     assert order[:2] == [[3, 3, 3, 1, 1], [1, 1, 3, 3, 3]]
     assert changes(build) == 6
@@ -93,7 +93,7 @@ def test_layers_alternate_which_comes_first():
 def test_chance_meets_its_share_and_repeats_with_its_seed():
     roads = [line(0, 1 + k % 7, k / 4) for k in range(80)]
     build = build_of(roads)
-    made = [assigned(build, ByChance(0.3, seed), (0, 1)) for seed in (1, 1, 2)]
+    made = [assigned(build, [ByChance(0.3, seed)], (0, 1)) for seed in (1, 1, 2)]
     drawn = [{r.xy[0, 1].item() for r in m.layers[0].roads if r.material} for m in made]
     assert drawn[0] == drawn[1] != drawn[2]
     for m in made:
@@ -106,7 +106,7 @@ def test_a_few_long_roads_meet_a_share_as_well_as_they_can():
     lengths = [18.0, 17, 16, 15, 9, 8, 7, 6, 3, 1]
     build = build_of(*[[line(0, length, 5)] for length in lengths])
     for seed in range(10):
-        made = assigned(build, ByChance(0.3, seed), (0, 1))
+        made = assigned(build, [ByChance(0.3, seed)], (0, 1))
         second = sum(layer.volume for layer in made.layers if layer.roads[0].material)
         assert second / made.volume == pytest.approx(0.3, abs=0.002)
         assert changes(made) <= len(lengths)
@@ -117,7 +117,7 @@ def test_a_few_long_roads_meet_a_share_as_well_as_they_can():
 def test_one_road_of_a_share_is_cut_if_asked(share, closed):
     road = ring(10, 10, 8) if closed else line(0, 20, 5)
     build = build_of([road], [road])
-    made = assigned(build, ByChance(share, 0), (0, 1), split=True, least_road=0.5)
+    made = assigned(build, [ByChance(share, 0)], (0, 1), split=True, least_road=0.5)
     roads = [road for layer in made.layers for road in layer.roads]
     second = sum(road.length for road in roads if road.material)
     # To half a road's width, and no piece shorter than three.
@@ -129,4 +129,38 @@ def test_one_road_of_a_share_is_cut_if_asked(share, closed):
 
 def test_a_function_that_is_not_finite_is_an_error_with_the_place():
     with pytest.raises(InputError, match=r"nan at \(10, 5, 0.1\) mm"):
-        assigned(build_of([line(0, 20, 5)]), ByPlace(lambda x, y, z: np.sqrt(x - 11)), (0, 1))
+        assigned(build_of([line(0, 20, 5)]), [ByPlace(lambda x, y, z: np.sqrt(x - 11))], (0, 1))
+
+
+def test_three_materials_by_levels_of_a_function_are_met_by_volume():
+    rules = [ByPlace(lambda x, y, z, at=at: x - at) for at in (5.0, 14.0)]
+    build = build_of(*[[line(0, 20, k / 2) for k in range(1, 30)]] * 3)
+    made = assigned(build, rules, (2, 0, 1), split=True, least_road=1.0)
+    assert made.volume == pytest.approx(build.volume, rel=1e-9)
+    volumes = np.array([r.length for layer in made.layers for r in layer.roads])
+    tools = np.array([r.material for layer in made.layers for r in layer.roads])
+    shares = [volumes[tools == tool].sum() / volumes.sum() for tool in (2, 0, 1)]
+    assert shares == pytest.approx([0.25, 0.45, 0.3], abs=0.005)
+    for layer in made.layers:
+        for road in layer.roads:
+            low, high = {2: (0, 5), 0: (5, 14), 1: (14, 20)}[road.material]
+            assert road.path[:, 0].min() > low - 0.21
+            assert road.path[:, 0].max() < high + 0.21
+    # Each layer begins with what the one below ended with.
+    assert changes(made) == 2 * 3
+
+
+def test_a_layer_ends_with_a_material_that_the_next_one_has():
+    by_thirds = [ByPlace(lambda x, y, z, at=at: x - at) for at in (6.0, 14.0)]
+    all_three = [line(0, 4, 1), line(8, 12, 1), line(16, 20, 1)]
+    made = assigned(build_of(all_three, all_three[1:2], all_three), by_thirds, (0, 1, 2))
+    order = [[road.material for road in layer.roads] for layer in made.layers]
+    assert order == [[0, 2, 1], [1], [1, 0, 2]]
+
+
+def test_chance_meets_three_shares():
+    build = build_of([line(0, 1 + k % 7, k / 8) for k in range(160)])
+    made = assigned(build, [ByChance(0.5, 3), ByChance(0.4, 4)], (0, 1, 2))
+    (layer,) = made.layers
+    got = [layer.road_volumes[layer.materials == k].sum() / made.volume for k in range(3)]
+    assert got == pytest.approx([0.5, 0.3, 0.2], abs=0.003)
