@@ -40,7 +40,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     for machine in machines.values():
         job.materials.check(machine)
     # A function or picture that cannot be used is told of before anything is computed.
-    shares = job.materials.asked(part, target) if job.materials.given else []
+    wanted = job.materials.asked(part, target) if job.materials.given else []
     narrow, tips = setting.narrow_places(part, job.pattern.road_width)
     if narrow and job.part.narrow == "refuse":
         more = f" (and {len(narrow) - 1} more)" if len(narrow) > 1 else ""
@@ -70,7 +70,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
                 shares = solid_shares(each.build, outlines)
                 each = replace(each, subdomains=tuple(shares.tolist()))
             if job.materials.given:
-                each = replace(each, materials=job.materials.laid(part, shares, each.build))
+                each = replace(each, materials=job.materials.laid(part, wanted, each.build))
             written.append(each)
     notes = [note for region in part.regions for note in region.notes]
     notes += [*narrow, *tips, *left_out, *tried]
