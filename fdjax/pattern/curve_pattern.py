@@ -27,18 +27,19 @@ class CurvePattern(DrawnPattern):
     order: str = eqx.field(static=True)
 
     def stroke(self, chart: Chart, placing: Placing, controls: Controls) -> Curve:
-        xy, first = lattice(chart, 2 * np.array(placing[:2]))
+        xy, first = lattice(chart, 2 * np.array([placing.xi, placing.eta]))
         levels = [xy]
         if chart.times is not None:
             levels = _levels(chart, xy, first, chart.times, placing.finer, self.finest)
-        made = None
+        made, flip = None, placing.mirrored
         for xy in reversed(levels):
             shape = xy.shape[0] // 2, xy.shape[1] // 2
             # A node that is not there has no width of its own.
             there = np.isfinite(xy).all(-1)
             width = np.full(there.shape, self.width_range[1])
             width[there] = self.road_widths(controls, xy[there])
-            made = Curve(xy, rank(self.order, shape), width, self.kind, finer=made)
+            order = rank(self.order, shape)[tuple(slice(None, None, -1 if m else 1) for m in flip)]
+            made = Curve(xy, order, width, self.kind, finer=made)
         assert made is not None
         return made
 

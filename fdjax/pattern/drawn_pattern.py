@@ -41,13 +41,15 @@ _TIGHT = 0.05
 
 class Placing(NamedTuple):
     """How a drawing lies on a layer: moved by shares of its periods, turned by a quarter or not,
-    and the share of the layers that are more finely divided where it may be.
+    the share of the layers that are more finely divided where it may be, and whether it is
+    mirrored along xi and along eta, before it is turned.
     """
 
     xi: float
     eta: float
     turned: bool
     finer: float
+    mirrored: tuple[bool, bool] = (False, False)
 
 
 class DrawnPattern(ChartPattern):

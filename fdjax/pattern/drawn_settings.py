@@ -11,7 +11,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from fdjax.keys import FLAG, key, number, whole
+from fdjax.keys import FLAG, choice, key, number, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.base import corrections_key
@@ -19,6 +19,16 @@ from fdjax.pattern.chart_settings import ChartSettings, spline_of, twisted
 from fdjax.pattern.depth import depths_of, free_spline, times_of, varies
 from fdjax.pattern.drawn_pattern import Placing
 from fdjax.target.target import Target
+
+_PLAIN, _XI, _ETA, _BOTH = (False, False), (True, False), (False, True), (True, True)
+
+MIRRORS = {
+    "no": (_PLAIN,),
+    "xi": (_PLAIN, _XI),
+    "eta": (_PLAIN, _ETA),
+    "both": (_PLAIN, _XI, _BOTH, _ETA),
+}
+"""Axes along which layers are mirrored, one after the other."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +49,11 @@ class DrawnSettings(ChartSettings):
     turned: bool = key(
         FLAG, "every second layer turns the drawing by a quarter, in its plane", default=False
     )
+    mirrored: str = key(
+        choice(*MIRRORS), "along which axis of its plane every second layer, every second pair of "
+        "layers where it is turned, mirrors the drawing; both: along xi, both and eta, in turn",
+        default="no",
+    )  # fmt: skip
     corrections: int = corrections_key(2)
     mode = "both"
 
@@ -61,6 +76,9 @@ class DrawnSettings(ChartSettings):
         Raises `InputError` for a target beyond what gaps and pores allow, and for a region with no
         room for a road.
         """
+        if self.mirrored != "no":
+            # Along xi or along eta, and of both: an edge has no sense.
+            directions = np.concatenate([directions, directions * [-1, 1]]) / 2
         if self.turned:
             directions = np.concatenate([directions, directions[:, ::-1] * [-1, 1]]) / 2
         density = float(np.hypot(*directions.T).sum())
@@ -82,26 +100,29 @@ class DrawnSettings(ChartSettings):
             "directions": jnp.asarray(directions),
             "gap": gap,
             "pore": pore,
-            "placing": _placing(self.phases, len(part.slabs), turned=self.turned),
+            "placing": _placing(self.phases, len(part.slabs), self.mirrored, turned=self.turned),
         }
 
 
-def _placing(phases: int, layers: int, *, turned: bool) -> tuple[Placing, ...]:
+def _placing(phases: int, layers: int, mirrored: str, *, turned: bool) -> tuple[Placing, ...]:
     """How the drawing lies on each layer.
 
     Phases by a rule of good lattice points: together they are about as even in both directions as
     those of lines are in one (Korobov 1959).
     """
     step = _jump(phases)
+    mirrors = MIRRORS[mirrored]
+    turns = (False, True) if turned else (False,)
     # Layers that lie on each other are divided as differently as may be.
-    period = min(layers, phases * (2 if turned else 1))
+    period = min(layers, phases * len(turns) * len(mirrors))
     jump = _jump(period)
     made = []
     for layer in range(layers):
-        k = layer // 2 if turned else layer
+        pair, turn = divmod(layer, len(turns))
+        k, mirror = divmod(pair, len(mirrors))
         places = (k % phases + 0.5) / phases, (k * step % phases + 0.5) / phases
         finer = (layer * jump % period + 0.5) / period
-        made.append(Placing(*places, turned=turned and layer % 2 == 1, finer=finer))
+        made.append(Placing(*places, turns[turn], finer, mirrors[mirror]))
     return tuple(made)
 
 

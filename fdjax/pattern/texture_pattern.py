@@ -16,5 +16,6 @@ class TexturePattern(DrawnPattern):
     cell: UnitCell = eqx.field(static=True)
 
     def stroke(self, chart: Chart, placing: Placing, controls: Controls) -> Drawing:
-        xy, edges = drawn(self.cell, chart, np.array(placing[:2]))
+        cell = self.cell.mirrored(placing.mirrored)
+        xy, edges = drawn(cell, chart, np.array([placing.xi, placing.eta]))
         return Drawing(xy, edges, self.road_widths(controls, xy[edges].mean(1)), self.kind)

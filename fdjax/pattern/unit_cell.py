@@ -122,6 +122,18 @@ class UnitCell:
                         f"edge along {name}"
                     )
 
+    def mirrored(self, axes: tuple[bool, bool]) -> "UnitCell":
+        """The drawing that is mirrored along one axis or both."""
+        flip = np.where(axes, -1, 1)
+        home = np.floor(flip * self.xy / self.size + _SAME).astype(int)
+        first, last = home[self.edges[:, 0]], home[self.edges[:, 1]]
+        return UnitCell(
+            self.size,
+            flip * self.xy - home * np.array(self.size),
+            self.edges,
+            flip * self.shift + last - first,
+        )
+
     @property
     def area(self) -> float:
         return self.size[0] * self.size[1]

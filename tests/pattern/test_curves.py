@@ -27,10 +27,11 @@ EVEN = expression("0.35", quantity="solid")
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("turned", [False, True])
-def test_the_deposit_is_what_a_plan_lays(name, turned):
+@pytest.mark.parametrize(("turned", "mirrored"), [(False, "no"), (True, "no"), (True, "both")])
+def test_the_deposit_is_what_a_plan_lays(name, turned, mirrored):
     part = Part.plate(OUTLINES["disc"](), layers=10, height=0.2)
-    pattern = Curves(curve=name, turned=turned).begin(part, EVEN, MARLIN.limits, 5.0)
+    settings = Curves(curve=name, turned=turned, mirrored=mirrored)
+    pattern = settings.begin(part, EVEN, MARLIN.limits, 5.0)
     modelled = float(jax.jit(lambda p: p.deposit(p.realise(p.first)).volume.sum())(pattern))
     build = lay(pattern.strokes(pattern.first), part, lift_length=4.0, least_road=1.0)
     assert build.volume == pytest.approx(modelled, rel=0.015)
@@ -87,6 +88,21 @@ def test_turned_layers_are_the_drawing_turned_in_its_plane():
     across = np.nanmedian(np.diff(first.xy, axis=1), axis=(0, 1))
     assert steps[0] @ steps[1] == pytest.approx(0, abs=1e-6)
     assert steps[1] == pytest.approx(across, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("mirrored", "axes"),
+    [("xi", [(), (0,)]), ("eta", [(), (1,)]), ("both", [(), (0,), (0, 1), (1,)])],
+)
+def test_mirrored_layers_go_the_other_way_along_the_drawings_axes(mirrored, axes):
+    part = Part.plate(shapely.box(0, 0, 20, 20), layers=len(axes), height=0.2)
+    settings = Curves(phases=1, turned=False, mirrored=mirrored)
+    pattern = settings.begin(part, EVEN, MARLIN.limits, 5.0)
+    first, *others = (stroke for (stroke,) in pattern.strokes(pattern.first))
+    for stroke, axis in zip(others, axes[1:], strict=True):
+        assert stroke.xy == pytest.approx(first.xy, nan_ok=True)
+        assert (np.flip(first.rank, axis) == stroke.rank).all()
+        assert (first.rank != stroke.rank).any()
 
 
 def test_a_disc_meets_its_target_in_one_road_a_layer():

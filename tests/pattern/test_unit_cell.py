@@ -81,3 +81,27 @@ def test_waves_keep_their_distance():
     pairs = itertools.product(*lines)
     nearest = min(float(np.hypot(*(b - a))) for a, b in pairs)
     assert drawing("wave").gap == pytest.approx(nearest, rel=0.01)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("axes", [(True, False), (False, True), (True, True)])
+def test_a_mirrored_cell_is_the_drawing_seen_from_behind(name, axes):
+    cell = drawing(name)
+    made = cell.mirrored(axes)
+    flip = np.where(axes, -1, 1)
+
+    def lines(ends):
+        """Middles of the edges in the cell, and their halves, whichever end comes first."""
+        middle = ends.mean(1) / cell.size
+        half = (ends[:, 1] - ends[:, 0]) / 2
+        back = (half[:, 0] < -1e-9) | ((abs(half[:, 0]) < 1e-9) & (half[:, 1] < 0))
+        half[back] *= -1
+        table = np.concatenate([np.round(middle - np.floor(middle + 1e-6), 6), half], 1).round(6)
+        return table[np.lexsort(table.T)] + 0.0
+
+    assert lines(made.ends) == pytest.approx(lines(cell.ends * flip), abs=1e-5)
+    assert (made.xy >= -1e-5).all()
+    assert (made.xy < np.array(cell.size) * (1 - 1e-7)).all()
+    again = made.mirrored(axes)
+    assert again.xy == pytest.approx(cell.xy, abs=1e-5)
+    assert (again.shift == cell.shift).all()
