@@ -110,7 +110,10 @@ def scattered(
     (row, _), (column, _) = (next(iter(each.values())) for each in made)
     beside = np.arange(4)
     near = coefficients[(row[:, None] + beside)[:, :, None], (column[:, None] + beside)[:, None]]
-    return [
-        np.einsum("nij...,ni,nj->n...", near, made[0][x][1], made[1][y][1], optimize=False)
-        for x, y in orders
-    ]
+    # One axis after the other: what several derivatives share is summed once.
+    many, functions = len(row), coefficients.shape[2:]
+    near = near.reshape(many, 4, -1)
+    along = {
+        x: (weights[:, None] @ near).reshape(many, 4, -1) for x, (_, weights) in made[0].items()
+    }
+    return [(made[1][y][1][:, None] @ along[x]).reshape(many, *functions) for x, y in orders]

@@ -25,6 +25,9 @@ _FINE = 0.45
 _PIECE = 0.6
 """Edges are drawn in pieces of about this length, mm, as the chart bends them."""
 
+_STRAIGHT = 2e-4
+"""No more pieces are drawn than keep so near to the bent edge, mm."""
+
 _FAR = 1 << 20
 """More cells than this along an axis are not told apart."""
 
@@ -65,7 +68,8 @@ def drawn(cell: UnitCell, chart: Chart, offset: Floats) -> tuple[Floats, Ints]:
     slopes = _slopes(chart)
     cells, guess = _cells(chart, size, offset, _FINE * float(size.min() / slopes.max()))
     length = np.hypot(*(cell.ends[:, 1] - cell.ends[:, 0]).T) / np.median(slopes)
-    pieces = np.clip(np.ceil(length / _PIECE), 1, 16).astype(int)
+    least = np.sqrt(_bend(chart) * length**2 / 8 / _STRAIGHT)
+    pieces = np.clip(np.ceil(np.minimum(length / _PIECE, least)), 1, 16).astype(int)
     inner = [np.arange(1, count) / count for count in pieces]
     # Points of one cell: its nodes, then those inside its edges.
     own = [cell.xy]
@@ -116,6 +120,19 @@ def _slopes(chart: Chart) -> Floats:
     xy, _ = chart.sampled(min(axis.step for axis in chart.axes) / 2)
     along_x, along_y = scattered(chart.coefficients, chart.axes, xy, (1, 0), (0, 1))
     return np.hypot(along_x, along_y)
+
+
+def _bend(chart: Chart) -> float:
+    """Largest curvature, 1/mm, at which what is straight in the chart is drawn over the box."""
+    xy, _ = chart.sampled(min(axis.step for axis in chart.axes) / 2)
+    ax, ay, xx, both, yy = scattered(
+        chart.coefficients, chart.axes, xy, (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
+    )
+    # The least scale, of an area and the largest one, and no second derivative beyond this sum.
+    fold = np.abs(ax[:, 0] * ay[:, 1] - ay[:, 0] * ax[:, 1])
+    steep = np.sqrt((ax**2 + ay**2).sum(1))
+    second = np.sqrt((xx**2 + 2 * both**2 + yy**2).sum(1))
+    return float((second * steep / np.maximum(fold, 1e-12)).max())
 
 
 def _cells(chart: Chart, size: Floats, offset: Floats, step: float) -> tuple[Ints, Floats]:

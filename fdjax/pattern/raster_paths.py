@@ -114,7 +114,11 @@ def _chains(
     for line in np.unique(owner):
         pieces = bounds[owner == line]
         # A turn touches the two pieces that it joins, and is clear of all else beside it.
-        beside = [run.last for run in before] + [shapely.LineString([p[:2], p[2:]]) for p in pieces]
+        beside = list(
+            shapely.linestrings(
+                [*(run.points[-2:] for run in before), *pieces.reshape(-1, 2, 2).tolist()]
+            )
+        )
         ways = [
             (float(np.hypot(run.end(left)[0] - x, run.end(left)[1] - y)), k, piece, left)
             for piece, (x0, y, x1, _) in enumerate(pieces.tolist())
@@ -130,7 +134,7 @@ def _chains(
             if piece in onward or k in (run for run, _ in onward.values()):
                 continue
             x0, y, x1, _ = pieces[piece].tolist()
-            way = shapely.LineString([before[k].end(left), (x0 if left else x1, y)])
+            way = shapely.linestrings([before[k].end(left), (x0 if left else x1, y)])
             others = [each for at, each in enumerate(beside) if at not in (k, first + piece)]
             if reach.covers(way) and (
                 not others or shapely.distance(others, way).min() >= apart - _INSIDE
@@ -157,11 +161,6 @@ class _Run(NamedTuple):
 
     points: list[tuple[float, float]]
     sides: tuple[bool, ...]
-
-    @property
-    def last(self) -> shapely.LineString:
-        """The line that it ends with."""
-        return shapely.LineString(self.points[-2:])
 
     def end(self, left: bool) -> tuple[float, float]:
         return self.points[0] if left and len(self.sides) == 2 else self.points[-1]

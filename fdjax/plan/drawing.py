@@ -1,7 +1,7 @@
 """A drawing as continuous roads: clipped at the walls, each edge laid once, in trails."""
 
 from heapq import heappop, heappush
-from itertools import chain, combinations
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -257,41 +257,39 @@ def _roads(drawing: Drawing, partner: list[int], tolerance: float) -> list[Road]
     junction = (np.bincount(drawing.edges.ravel(), minlength=len(drawing.xy)) > 2).tolist()
     used = [False] * count
     starts = [half for half, other in enumerate(partner) if other == _NONE]
-    paths: list[list[int]] = []
-    widths: list[list[int]] = []
+    # Points and edges of all pieces, one after the other, and where each piece and trail begins.
+    points: list[int] = []
+    edges: list[int] = []
+    firsts: list[int] = []
     trails: list[int] = []
     # What no free end leads to is closed.
     for half in [*starts, *range(0, 2 * count, 2)]:
         if used[half // 2]:
             continue
-        trails.append(len(paths))
-        paths.append([node[half]])
-        widths.append([])
+        trails.append(len(firsts))
+        firsts.append(len(points))
+        points.append(node[half])
         at = half
         while at != _NONE and not used[at // 2]:
             used[at // 2] = True
-            if junction[paths[-1][-1]] and widths[-1]:
-                paths.append([node[at]])
-                widths.append([])
-            paths[-1].append(node[at ^ 1])
-            widths[-1].append(at // 2)
+            if junction[points[-1]] and len(points) > firsts[-1] + 1:
+                firsts.append(len(points))
+                points.append(node[at])
+            points.append(node[at ^ 1])
+            edges.append(at // 2)
             at = partner[at ^ 1]
+    many = np.diff([*firsts, len(points)])
     fewer, wide = simplify_paths(
-        _at(drawing.xy, paths),
-        _at(drawing.width, widths),
+        pieces(drawing.xy[points], many),
+        pieces(drawing.width[edges], many - 1),
         tolerance=tolerance / 2,
     )
-    ends = [*trails[1:], len(paths)]
+    ends = [*trails[1:], len(firsts)]
+    lasts = [*firsts[1:], len(points)]
     return [
-        _road(drawing, fewer[a:b], wide[a:b], closed=b - a >= 1 and paths[a][0] == paths[b - 1][-1])
+        _road(drawing, fewer[a:b], wide[a:b], closed=points[firsts[a]] == points[lasts[b - 1] - 1])
         for a, b in zip(trails, ends, strict=True)
     ]
-
-
-def _at(values: Floats, places: list[list[int]]) -> list[Floats]:
-    """The values at each of some lists of places."""
-    flat = np.fromiter(chain.from_iterable(places), np.intp)
-    return pieces(values[flat], [len(each) for each in places])
 
 
 def _road(drawing: Drawing, parts: list[Floats], widths: list[Floats], *, closed: bool) -> Road:

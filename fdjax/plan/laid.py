@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fdjax.plan.order import order_roads
-from fdjax.plan.toolpath import Road
+from fdjax.plan.toolpath import Road, lengths_of
 
 SHORTEST_ROAD = 3.0
 """A road shorter than so many of its widths is not worth laying alone."""
@@ -33,7 +33,7 @@ class Laid:
 
         They start near `start`; the others join what was left out.
         """
-        lengths = np.array([road.length for road in roads])
+        lengths = lengths_of(roads)
         long = lengths >= np.broadcast_to(np.asarray(shortest, float), len(roads))
         short = [road for road, keep in zip(roads, long, strict=True) if not keep]
         roads = [road for road, keep in zip(roads, long, strict=True) if keep]

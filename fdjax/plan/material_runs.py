@@ -1,7 +1,8 @@
 """Where a road is cut between two materials: in pieces none of which is too short to be laid."""
 
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
-from itertools import pairwise
+from heapq import heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,60 +34,110 @@ def runs_of(above: Bools, size: Floats, shortest: float, owed: Owed) -> list[Run
     >>> runs_of(np.array([0, 0, 0, 0, 1, 0, 0, 0, 0, 0], bool), np.ones(10), 2.0, Owed(-1.0))
     [(0, 3, False), (3, 5, True), (5, 10, False)]
     """
-    cut = [0, *(np.flatnonzero(np.diff(above)) + 1).tolist(), len(above)]
-    runs: list[Run] = [(a, b, bool(above[a])) for a, b in pairwise(cut)]
-    reach = np.concatenate([[0.0], np.cumsum(size)])
-    step = float(size.max(initial=0.0))
-
-    def length(run: Run) -> float:
-        return float(reach[run[1]] - reach[run[0]])
-
-    while len(runs) > 1:
+    pieces = _Pieces(above, size)
+    while pieces.many > 1:
         # Of each material the shortest piece, and what would be owed if it changed or grew.
-        ways: list[tuple[float, float, int, bool]] = []
+        ways: list[tuple[float, float, int, bool, int]] = []
         for over in (False, True):
-            own = [k for k, run in enumerate(runs) if run[2] == over]
-            k = min(own, key=lambda k: length(runs[k]))
-            short, sign = length(runs[k]), 1 if over else -1
+            short, first, k = pieces.shortest(over)
+            sign = 1 if over else -1
             if short > shortest - _SAME:
                 continue
-            ways.append((abs(owed.length - sign * short), short, k, False))
+            ways.append((abs(owed.length - sign * short), short, first, False, k))
             wanted = shortest - short
-            if sum(_spare(runs, k, reach, shortest + step)) >= wanted:
-                ways.append((abs(owed.length + sign * wanted), short, k, True))
+            if sum(pieces.spare(k, shortest)) >= wanted:
+                ways.append((abs(owed.length + sign * wanted), short, first, True, k))
         if not ways:
             break
-        *_, k, grows = min(ways)
-        short, sign = length(runs[k]), 1 if runs[k][2] else -1
+        _, short, _, grows, k = min(ways)
+        sign = 1 if pieces.over[k] else -1
         if grows:
-            _grow(runs, k, reach, shortest, step)
-            owed.length += sign * (length(runs[k]) - short)
+            pieces.grow(k, shortest)
+            owed.length += sign * (pieces.length(k) - short)
         else:
-            low, high = max(k - 1, 0), min(k + 1, len(runs) - 1)
-            runs[low : high + 1] = [(runs[low][0], runs[high][1], not runs[k][2])]
+            pieces.change(k)
             owed.length -= sign * short
-    return runs
+    return pieces.runs
 
 
-def _spare(runs: list[Run], k: int, reach: Floats, kept: float) -> tuple[float, float]:
-    """Length that the pieces before and behind piece k can give and stay as long as `kept`."""
-    before, behind = (
-        max(0.0, float(reach[runs[j][1]] - reach[runs[j][0]]) - kept) if 0 <= j < len(runs) else 0.0
-        for j in (k - 1, k + 1)
-    )
-    return before, behind
+class _Pieces:
+    """Pieces of a road side by side, by numbers: `first` and `last` step, as of a `Run`, and
+    whether they are `over`; `many`: how many are left. Numbers do not tell their order.
+    """
 
+    def __init__(self, above: Bools, size: Floats) -> None:
+        cut = [0, *(np.flatnonzero(np.diff(above)) + 1).tolist(), len(above)]
+        self.first, self.last = cut[:-1], cut[1:]
+        self.over: list[bool] = above[self.first].tolist()
+        self.many = len(self.over)
+        self._before = list(range(-1, self.many - 1))
+        self._behind = [*range(1, self.many), -1]
+        self._reach: list[float] = np.concatenate([[0.0], np.cumsum(size)]).tolist()
+        self._step = float(size.max(initial=0.0))
+        # Of both materials lengths, first steps and numbers; what is no longer so stays in it.
+        self._heaps: tuple[list[tuple[float, int, int]], ...] = ([], [])
+        for k in range(self.many):
+            self._push(k)
 
-def _grow(runs: list[Run], k: int, reach: Floats, shortest: float, step: float) -> None:
-    """Make piece k as long as `shortest`, at the cost of both its neighbours as they can spare."""
-    first, last, over = runs[k]
-    before, behind = _spare(runs, k, reach, shortest + step)
-    wanted = shortest - float(reach[last] - reach[first])
-    if before:
-        far = reach[first] - wanted * before / (before + behind)
-        first = int(np.searchsorted(reach, far + _SAME / 2, side="right")) - 1
-        runs[k - 1] = (runs[k - 1][0], first, not over)
-    if behind:
-        last = int(np.searchsorted(reach, reach[first] + shortest - _SAME / 2))
-        runs[k + 1] = (last, runs[k + 1][1], not over)
-    runs[k] = (first, last, over)
+    def length(self, k: int) -> float:
+        return self._reach[self.last[k]] - self._reach[self.first[k]]
+
+    def _push(self, k: int) -> None:
+        heappush(self._heaps[self.over[k]], (self.length(k), self.first[k], k))
+
+    def shortest(self, over: bool) -> tuple[float, int, int]:
+        """Length, first step and number of a material's shortest piece, the first of equals."""
+        heap = self._heaps[over]
+        while heap[0][:2] != (self.length(heap[0][2]), self.first[heap[0][2]]):
+            heappop(heap)
+        return heap[0]
+
+    def change(self, k: int) -> None:
+        """Make one piece of piece k and its neighbours, of their material."""
+        low, high = self._before[k], self._behind[k]
+        kept = low if low >= 0 else high
+        first = self.first[low if low >= 0 else k]
+        last = self.last[high if high >= 0 else k]
+        before = self._before[low] if low >= 0 else -1
+        behind = self._behind[high] if high >= 0 else -1
+        for gone in {low, k, high} - {kept, -1}:
+            self.first[gone] = self.last[gone]  # of no length
+            self.many -= 1
+        self.first[kept], self.last[kept] = first, last
+        self._before[kept], self._behind[kept] = before, behind
+        if before >= 0:
+            self._behind[before] = kept
+        if behind >= 0:
+            self._before[behind] = kept
+        self._push(kept)
+
+    def spare(self, k: int, shortest: float) -> tuple[float, float]:
+        """Length that the pieces before and behind piece k can give and stay long enough."""
+        kept = shortest + self._step
+        before, behind = (
+            max(0.0, self.length(j) - kept) if j >= 0 else 0.0
+            for j in (self._before[k], self._behind[k])
+        )
+        return before, behind
+
+    def grow(self, k: int, shortest: float) -> None:
+        """Make piece k as long as `shortest`, at the cost of both neighbours as they can spare."""
+        reach = self._reach
+        before, behind = self.spare(k, shortest)
+        wanted = shortest - self.length(k)
+        if before:
+            far = reach[self.first[k]] - wanted * before / (before + behind)
+            self.first[k] = bisect_right(reach, far + _SAME / 2) - 1
+            self.last[self._before[k]] = self.first[k]
+            self._push(self._before[k])
+        if behind:
+            self.last[k] = bisect_left(reach, reach[self.first[k]] + shortest - _SAME / 2)
+            self.first[self._behind[k]] = self.last[k]
+            self._push(self._behind[k])
+        self._push(k)
+
+    @property
+    def runs(self) -> list[Run]:
+        """All pieces in their order."""
+        found = zip(self.first, self.last, self.over, strict=True)
+        return sorted(run for run in found if run[0] < run[1])

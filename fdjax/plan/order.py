@@ -79,10 +79,12 @@ def _nearest_first(ends: Floats, begin: Floats, neighbours: list[list[int]]) -> 
     taken = np.zeros(len(points), bool)
     left = np.arange(len(points))
     tree = Near(points)
+    met: list[int] = []
 
     def nearest(here: Floats) -> int:
         nonlocal left, tree
-        if 2 * np.count_nonzero(taken[left]) > len(left):
+        # All that were met are taken, and the tree holds some of them.
+        if 2 * (len(met) - len(points) + len(left)) > len(left):
             left = left[~taken[left]]
             tree = Near(points[left])
         count = _QUERY
@@ -95,7 +97,6 @@ def _nearest_first(ends: Floats, begin: Floats, neighbours: list[list[int]]) -> 
             count *= 4
 
     end = nearest(begin)
-    met: list[int] = []
     for _ in range(len(ends)):
         met += [end, end ^ 1]
         taken[end] = taken[end ^ 1] = True
@@ -111,10 +112,8 @@ def _neighbours(ends: Floats) -> list[list[int]]:
     count = min(_NEIGHBOURS + 2, len(points))
     gaps, near = Near(points).query(points, count)
     near = np.take_along_axis(near, np.lexsort((near, gaps)), axis=1)
-    own = np.arange(len(points))[:, None]
     return [
-        row[others].tolist()
-        for row, others in zip(near, (near != own) & (near != (own ^ 1)), strict=True)
+        [other for other in row if other // 2 != end // 2] for end, row in enumerate(near.tolist())
     ]
 
 

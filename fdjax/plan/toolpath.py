@@ -100,6 +100,21 @@ class Road:
         return self.areas(height) * self.segment_lengths
 
 
+def lengths_of(roads: Sequence[Road]) -> Floats:
+    """Length of the centre line of each road, shape (roads,), mm.
+
+    >>> lengths_of([Road([(0, 0), (3, 4)], 0.4), Road([(0, 0), (0, 2)], 0.4)]).tolist()
+    [5.0, 2.0]
+    """
+    if not roads:
+        return np.zeros(0)
+    paths = [road.path for road in roads]
+    steps = np.hypot(*np.diff(np.concatenate(paths), axis=0).T)
+    first = np.cumsum([0, *(len(path) for path in paths)])
+    steps[first[1:-1] - 1] = 0.0  # from one road to the next
+    return np.add.reduceat(steps, first[:-1])
+
+
 @dataclass(frozen=True, eq=False)
 class Roads(Sequence[Road]):
     """Many roads in flat arrays; each becomes a `Road` when it is asked for.
