@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Ints = NDArray[np.intp]
 Run = tuple[int, int, bool]
 """First step of a piece, the one beyond its last, and whether it is above."""
 
@@ -58,6 +59,32 @@ def runs_of(above: Bools, size: Floats, shortest: float, owed: Owed) -> list[Run
             pieces.change(k)
             owed.length -= sign * short
     return pieces.runs
+
+
+def at_nodes(
+    runs: list[Run], corners: Ints, size: Floats, shortest: float, width: float, owed: Owed
+) -> list[Run]:
+    """The pieces of a road of a graph, cut at corners that are nearer than the road's `width`, mm.
+
+    Else one would begin beside a node, on the beads that meet there. A cut stays where it is if a
+    piece would be shorter than `shortest`, mm.
+
+    - `corners`: steps before which the road has a corner, as its nodes are, rising.
+    """
+    reach = np.concatenate([[0.0], np.cumsum(size)])
+    made = [runs[0]]
+    for first, last, over in runs[1:]:
+        begin = made[-1][0]
+        gaps = np.abs(reach[corners] - reach[first])
+        gaps[reach[corners] - reach[begin] < shortest - _SAME] = np.inf
+        gaps[reach[last] - reach[corners] < shortest - _SAME] = np.inf
+        at = first
+        if gaps.min(initial=np.inf) < width:
+            at = int(corners[np.argmin(gaps)])
+            owed.length += (-1 if over else 1) * float(reach[at] - reach[first])
+        made[-1] = (begin, at, not over)
+        made.append((at, last, over))
+    return made
 
 
 class _Pieces:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fdjax.errors import InputError
 from fdjax.plan.laid import shortest_road
-from fdjax.plan.material_runs import Owed, runs_of
+from fdjax.plan.material_runs import Owed, at_nodes, runs_of
 from fdjax.plan.order import order_roads
 from fdjax.plan.toolpath import Build, Layer, Road
 
@@ -156,7 +156,8 @@ def assigned(
     - `rules`: as `numbered` takes them, one fewer than materials; `tools`: of each material.
     - `split`: roads are cut where the material changes, to half a road's width; of roads drawn by
       chance one is cut so that the share is met. A piece shorter than three widths or than
-      `least_road`, mm, takes the material of its neighbours or grows, as keeps the shares.
+      `least_road`, mm, takes the material of its neighbours or grows, as keeps the shares. Roads of
+      a graph are cut at their nodes where these are nearer than a road is wide.
 
     A layer begins with the material with which the one below it ended: so of two there is at most
     one change a layer, and layers alternate which comes first.
@@ -302,7 +303,11 @@ def _pieces(
         first = int(np.flatnonzero(above != np.roll(above, 1))[0])
         owner, size = np.roll(owner, -first), np.roll(size, -first)
         start, above = np.roll(start, -first, 0), np.roll(above, -first)
-    runs = runs_of(above, size, shortest_road(road.width, least), owed)
+    shortest = shortest_road(road.width, least)
+    runs = runs_of(above, size, shortest, owed)
+    if road.of_graph:
+        corners = np.flatnonzero(np.diff(owner)) + 1
+        runs = at_nodes(runs, corners, size, shortest, float(road.width.max()), owed)
     if len(runs) == 1:
         return [replace(road, material=number + int(runs[0][2]))]
     end = np.concatenate([start[1:], start[:1] if road.closed else road.path[-1:]])

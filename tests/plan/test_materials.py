@@ -5,6 +5,7 @@ import pytest
 from shapely import box
 
 from fdjax.errors import InputError
+from fdjax.plan.check import check
 from fdjax.plan.materials import ByChance, ByPlace, assigned, centre, centres, changes
 from fdjax.plan.toolpath import Build, Layer, Road
 
@@ -164,3 +165,23 @@ def test_chance_meets_three_shares():
     (layer,) = made.layers
     got = [layer.road_volumes[layer.materials == k].sum() / made.volume for k in range(3)]
     assert got == pytest.approx([0.5, 0.3, 0.2], abs=0.003)
+
+
+def test_roads_of_a_graph_are_cut_at_their_nodes():
+    """Else pieces would begin beside a crossing, on the bead of the other road."""
+    xs = np.arange(0.5, 40, 2.0)
+    along = [np.stack([xs, np.full_like(xs, y)], 1) for y in xs]
+    roads = [Road(xy, 0.4, family="grid") for xy in (*along, *(xy[:, ::-1] for xy in along))]
+    outline = box(0, 0, 39, 39)
+    build = Build(tuple(Layer(0.2 * k, 0.2, tuple(roads), outline) for k in (1, 2)))
+    rule = ByPlace(lambda x, y, z: x + 0.13 * y - 17.2)
+    made = assigned(build, [rule], (0, 1), split=True, least_road=1.0)
+    assert [each for each in check(made) if each.severity == "error"] == []
+    assert made.volume == pytest.approx(build.volume, rel=1e-9)
+    places, volumes = centres(made)
+    second = np.array([road.material == 1 for layer in made.layers for road in layer.roads])
+    x, y = places[:, :2].T
+    assert (second == (x + 0.13 * y >= 17.2)).mean() > 0.97
+    free, lines = np.linspace(0.5, 38.5, 2000)[None], xs[:, None]
+    asked = np.mean([free + 0.13 * lines >= 17.2, lines + 0.13 * free >= 17.2])
+    assert volumes[second].sum() / made.volume == pytest.approx(asked, rel=0.01)
