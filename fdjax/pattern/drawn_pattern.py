@@ -56,7 +56,8 @@ class DrawnPattern(ChartPattern):
     """A drawing in the plane of xi and eta, laid as a whole on each layer.
 
     - `directions`: of its edges, an area of 1, as vectors, shape (d, 2).
-    - `gap`: least distance of its lines; `pore`: width of its largest opening; both in its units.
+    - `gap`: least distance of its lines; `pore`: how far they run over its largest opening, where
+      the drawing is laid on itself moved; both in its units.
     - `placing`: of the drawing on each layer.
     - `kind`: of the pattern, and the name of its roads' family.
     """

@@ -91,7 +91,7 @@ def cell_of(file: Path) -> tuple[list[Floats], tuple[float, float]]:
         root = ElementTree.fromstring(data)
     except ElementTree.ParseError as fault:
         raise InputError(f"{file}: is no SVG: {fault}") from None
-    box = [float(word) for word in re.findall(r"[-+.\deE]+", root.get("viewBox", ""))]
+    box = _numbers(root.get("viewBox", ""))
     if _name(root) != "svg" or len(box) != 4 or not (box[2] > 0 and box[3] > 0):
         raise InputError(f"{file}: is no SVG with a viewBox, which gives the cell's size")
     lines: list[Floats] = []
@@ -110,6 +110,15 @@ def cell_of(file: Path) -> tuple[list[Floats], tuple[float, float]]:
         raise InputError(f"{file}: holds no path")
     low = np.array([box[0], box[1] + box[3]])
     return [(line - low) * [1, -1] for line in lines], (box[2], box[3])
+
+
+def _numbers(text: str) -> list[float]:
+    """The numbers of a list with commas or blanks between; none where one is no finite number."""
+    try:
+        numbers = [float(word) for word in re.split(r"\s*,\s*|\s+", text.strip())]
+    except ValueError:
+        return []
+    return numbers if np.isfinite(numbers).all() else []
 
 
 def _name(element: ElementTree.Element) -> str:

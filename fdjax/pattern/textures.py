@@ -26,6 +26,8 @@ def _cell(value: Any, place: Place) -> UnitCell:
         raise place.error("needs lines and size, as in {size = [1, 1], lines = [[[0, 0], [1, 0]]]}")
     if own == {"base"} and not recursive_too:
         raise place.error("a base needs a rule and an order, or is the name alone")
+    if recursive_too == {"order"}:
+        raise place.error("an order needs a rule, by which the cell grows")
     try:
         if own == {"base"}:
             base = drawing(choice(*NAMES).read(value["base"], place.at(".base")))
@@ -38,11 +40,11 @@ def _cell(value: Any, place: Place) -> UnitCell:
         if not recursive_too:
             return UnitCell.of(lines, size)
         order = whole(1, 8).read(value.get("order", 1), place.at(".order"))
-        return recursive(lines, size, _rule(value.get("rule"), place.at(".rule")), order)
+        return recursive(lines, size, _rule(value["rule"], place.at(".rule")), order)
     except InputError as fault:
         if str(fault).startswith(place.where):
             raise
-        raise place.error(fault) from None
+        raise place.error(str(fault).removeprefix("cell: ")) from None
 
 
 def _lines(value: dict[str, Any], place: Place) -> tuple[list[Any], tuple[float, float]]:

@@ -22,7 +22,7 @@ _SAME = 1e-6
 """Points of a drawing nearer than this share of its larger side are one."""
 
 _LOOKS = 64
-"""Places along each side at which the distance from the lines is looked at."""
+"""Places along each side of a cell, and lines across a face, at which openings are looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,13 +180,17 @@ class UnitCell:
     def gap(self) -> float:
         """Least distance of lines that do not meet."""
         chains, within = self._chains, min(self.size)
+        # Chains are cut off at the edge of the nine cells, maybe before a node that they share.
+        inner = shapely.intersection(chains, shapely.box(0, 0, *self.size))
+        own = np.flatnonzero(~shapely.is_empty(inner))
         tree = shapely.STRtree(chains)
         # Nearer and nearer, as most pairs of a large cell lie far apart.
         reach = within / 64
         while reach < 2 * within:
-            i, j = tree.query(chains, predicate="dwithin", distance=min(reach, within))
-            apart = shapely.distance(chains[i], chains[j])
-            apart = apart[apart > _SAME * max(self.size)]
+            near, j = tree.query(inner[own], predicate="dwithin", distance=min(reach, within))
+            i = own[near]
+            meet = shapely.distance(chains[i], chains[j]) <= _SAME * max(self.size)
+            apart = shapely.distance(inner[i], chains[j])[~meet]
             if len(apart):
                 return float(apart.min())
             reach *= 2
@@ -194,18 +198,41 @@ class UnitCell:
 
     @cached_property
     def pore(self) -> float:
-        """Diameter of the circle as large as the largest face, or of the largest between the lines
-        where there is no face.
+        """How far the drawing's lines run over an opening of it, where it is laid on itself moved.
 
-        Which stretches of a layer really lie over nothing is seen in its plan.
+        In the mean over places, of the face and the direction of lines where that is most; without
+        faces, the diameter of the largest circle between the lines. Which stretches of a layer
+        really lie over nothing is seen in its plan.
         """
         lines = shapely.union_all(np.asarray(shapely.linestrings(self.tiled(range(-1, 2)))))
         faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
-        largest = float(shapely.area(faces).max(initial=0.0))
-        if largest > 0:
-            return 2 * (largest / np.pi) ** 0.5
+        # Of the copies of a face one begins in the cell itself.
+        low, same = shapely.bounds(faces)[:, :2], _SAME * max(self.size)
+        faces = faces[((low > -same) & (low < self.size)).all(1)]
+        longest = 0.0
+        for x, y in self.directions / np.hypot(*self.directions.T)[:, None]:
+            turned = shapely.transform(faces, lambda xy, x=x, y=y: xy @ [[x, -y], [y, x]])
+            left, _, right, _ = shapely.bounds(turned).T
+            for k in map(int, np.argsort(left - right)):
+                if right[k] - left[k] <= longest:
+                    break
+                longest = max(longest, _mean_chord(turned[k]))
+        if longest > 0:
+            return longest
         places = (np.stack(np.meshgrid(*[np.arange(_LOOKS)] * 2), -1).reshape(-1, 2) + 0.5) / _LOOKS
         return 2 * float(shapely.distance(shapely.points(places * self.size), lines).max())
+
+
+def _mean_chord(face: shapely.Polygon) -> float:
+    """Length of the chord along x through a place of a face, in the mean over its area."""
+    left, bottom, right, top = face.bounds
+    at = bottom + (np.arange(_LOOKS) + 0.5) / _LOOKS * (top - bottom)
+    rays = shapely.linestrings(
+        np.stack(np.broadcast_arrays([left - 1, right + 1], at[:, None]), -1)
+    )
+    chords = shapely.length(shapely.get_parts(shapely.intersection(rays, face)))
+    # A chord of length l passes through places in proportion to l.
+    return float((chords**2).sum() / chords.sum())
 
 
 def _place(geometry: shapely.Geometry, size: tuple[float, float]) -> str:

@@ -55,6 +55,8 @@ def test_a_file_stands_as_a_viewer_shows_it(tmp_path):
         (SVG.format("<path d='M0 x'/>"), "no SVG path"),
         (SVG.format(""), "holds no path"),
         ("<svg><path d='M0 0 H1'/></svg>", "viewBox"),
+        ("<svg viewBox='0 0 1.2.3 1'><path d='M0 0 H1'/></svg>", "viewBox"),
+        ("<svg viewBox='0 0 1e999 1'><path d='M0 0 H1'/></svg>", "viewBox"),
         ("<svg", "is no SVG"),
         ("<!DOCTYPE a [<!ENTITY b 'c'>]><svg/>", "entities"),
     ],

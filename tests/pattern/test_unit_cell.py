@@ -66,6 +66,36 @@ def test_drawings_that_do_not_repeat_are_refused_with_the_place(lines, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "pore"),
+    [
+        # Along the sides; along a side of a triangle the chord falls evenly to 0, of a hexagon it
+        # rises from 1 to 2: the mean of l^2 by that of l.
+        ("square", 1),
+        ("brick", 2),
+        ("triangular", 2 / 3),
+        ("hexagonal", 14 / 9),
+        ("kagome", 14 / 9),
+    ],
+)
+def test_openings_are_as_wide_as_the_mean_chord_along_the_lines(name, pore):
+    assert drawing(name).pore == pytest.approx(pore, rel=1e-3)
+
+
+@pytest.mark.parametrize("by", [(0.3, 0.4), (1.0, 0.7), (1.7, 1.6)])
+def test_gap_and_pore_do_not_depend_on_where_a_curved_drawing_begins(by):
+    # Four arcs from (1, 0) and (0, 1), in pieces: a gap of pieces that meet would be near 0.
+    turn = np.linspace(0, np.pi / 2, 9)
+    arc = np.stack([1 - np.cos(turn), np.sin(turn)], 1)
+    lines = [arc * side + (1, 0) for side in ((1, 1), (-1, 1), (1, -1), (-1, -1))]
+    own, moved = (
+        UnitCell.of([(line + at).tolist() for line in lines], (2, 2)) for at in ((0, 0), by)
+    )
+    assert own.gap > 0.5
+    assert moved.gap == pytest.approx(own.gap)
+    assert moved.pore == pytest.approx(own.pore)
+
+
 def test_lines_without_length_are_refused():
     with pytest.raises(InputError, match="have no length"):
         UnitCell.of([[(0.2, 0.3), (0.2, 0.3)]], (1, 1))
