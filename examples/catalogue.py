@@ -19,12 +19,12 @@ from PIL import Image
 from fdjax.app import config
 from fdjax.app.run import design
 from fdjax.formats import read_file
+from fdjax.pattern.curve_order import NAMES as CURVES
 from fdjax.pattern.drawings import NAMES as CELLS
 from fdjax.plan.toolpath import Layer
 from fdjax.view.strips import strips
 
 SIDE = 40.0
-CURVES = ("hilbert", "moore", "peano", "meander")
 TARGETS = {"uniform": "0.3", "graded": f"0.2 + 0.22*x/{SIDE:g}"}
 CARPET = {
     "size": [1, 1],
@@ -112,6 +112,8 @@ def main(arguments: list[str] | None = None) -> None:
             with tempfile.TemporaryDirectory() as folder:
                 facts, layers[name, target] = one(PATTERNS[name], solid, Path(folder))
             found.append(facts)
+        # Compiled programs of many designs take more memory mappings than a process may have.
+        jax.clear_caches()
         keys = ", ".join(f"{key} = {json.dumps(value)}" for key, value in PATTERNS[name].items())
         worst = max(abs(f["mean_got"] - f["mean_asked"]) / (1 - f["mean_asked"]) for f in found)
         rms = " | ".join(f"{facts['rms']:.4f}" for facts in found)
