@@ -3,9 +3,9 @@
     python tests/benchmarks/textures.py [--only NAME ...] [--outlines NAME ...] [--targets NAME ...]
                                         [--kept FOLDER] [--page examples/catalogue.md]
 
-What is measured is the written file, in windows of 5 mm over all layers. With `--page` the tables
-take the place of those at the end of that page. With `--kept` reports are kept in a folder, and
-what is there is not run again: for a run that was cut off.
+What is measured is the written file, in windows of 5 mm over all layers. With `--page` the rows
+take their places in the tables at the end of that page, and what was not run stays. With `--kept`
+reports are kept in a folder, and what is there is not run again: for a run that was cut off.
 """
 
 import argparse
@@ -82,6 +82,9 @@ FILES: dict[str, dict[str, Any]] = {
         "design": {"span_limit": False},
     },
 }
+KEYS = {"pattern": 2, "sub-domains": 2, "materials": 3}
+"""The tables by the first word of their heads, and the cells that a row is known by."""
+
 KEPT: Path | None = None
 HEADING = "\n## On 80 mm\n"
 
@@ -151,12 +154,10 @@ def drawings(
                 f"{good[target]['rms']:.4f}" if target in good else str(found.get(target, "-"))
                 for target in GRADED
             ]
-            largest = max((facts["largest"] for facts in good.values()), default=np.nan)
-            roads = [facts["most_roads_in_a_layer"] for facts in good.values()]
-            yield told([
-                name, outline, ", ".join(means) or "-", *rms, f"{largest:.3f}",
-                str(max(roads, default="-")),
-            ])  # fmt: skip
+            largest = [f"{facts['largest']:.3f}" for facts in good.values()]
+            roads = [str(facts["most_roads_in_a_layer"]) for facts in good.values()]
+            most = (max(each, key=float, default="-") for each in (largest, roads))
+            yield told([name, outline, ", ".join(means) or "-", *rms, *most])
 
 
 def rasters(outlines: Sequence[str], targets: Sequence[str]) -> Iterator[str]:
@@ -202,6 +203,40 @@ def materials(outlines: Sequence[str]) -> Iterator[str]:
                 ])  # fmt: skip
 
 
+def merged(page: str, tables: Sequence[Sequence[str]]) -> list[list[str]]:
+    """The tables of a page with the rows of these in their places; what was not run is as before.
+
+    Where only some targets of a drawing were run, the cells of others stay, and of the largest
+    error and the number of roads the larger.
+    """
+    found: dict[str, tuple[list[list[str]], dict[tuple[str, ...], list[str]]]] = {}
+    blocks = [block.splitlines() for block in page.split("\n\n") if block.startswith("|")]
+    for block in (*blocks, *tables):
+        head, under, *rows = (
+            [cell.strip() for cell in line.strip("|").split("|")] for line in block
+        )
+        _, known = found.setdefault(head[0], ([head, under], {}))
+        for row in rows:
+            key = tuple(row[: KEYS[head[0]]])
+            known[key] = _joined(known[key], row) if head[0] == "pattern" and key in known else row
+    order = [*PATTERNS, *SUBDOMAINS, *MATERIALS]
+    return [
+        [f"| {' | '.join(row)} |" for row in (*top, *sorted(rows, key=lambda r: order.index(r[0])))]
+        for top, rows in (
+            (found[name][0], found[name][1].values()) for name in KEYS if name in found
+        )
+    ]
+
+
+def _joined(old: Sequence[str], new: Sequence[str]) -> list[str]:
+    if "-" not in new:
+        return list(new)
+    row = [before if now == "-" else now for before, now in zip(old, new, strict=True)]
+    for k in (-2, -1):
+        row[k] = max((each for each in (old[k], new[k]) if each != "-"), key=float, default="-")
+    return row
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="*", choices=[*PATTERNS, "rasters", "materials"])
@@ -224,8 +259,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     if "materials" in only:
         tables.append(list(materials(chosen.outlines)))
     if chosen.page is not None:
-        before = chosen.page.read_text(encoding="utf-8").split(HEADING)[0]
-        text = "\n\n".join("\n".join(table) for table in tables)
+        before, _, behind = chosen.page.read_text(encoding="utf-8").partition(HEADING)
+        text = "\n\n".join("\n".join(table) for table in merged(behind, tables))
         chosen.page.write_text(f"{before}{HEADING}\n{INTRODUCTION}\n{text}\n", encoding="utf-8")
 
 
