@@ -1,6 +1,7 @@
 """Lines of a unit cell from SVG: a path as text, or the paths of a file. Loads no JAX."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,8 +20,8 @@ _STEPS = 16
 _LARGEST = 1_000_000
 """Bytes of an SVG file that are read."""
 
-_PLAIN = {"svg", "g", "path", "title", "desc", "metadata", "defs", "namedview"}
-"""Elements of a file that draw nothing or are read; all others are refused."""
+_UNSEEN = {"title", "desc", "metadata", "defs"}
+"""Elements that a viewer does not draw, nor what is in them."""
 
 
 def lines_of(path: str) -> list[Floats]:
@@ -95,21 +96,34 @@ def cell_of(file: Path) -> tuple[list[Floats], tuple[float, float]]:
     if _name(root) != "svg" or len(box) != 4 or not (box[2] > 0 and box[3] > 0):
         raise InputError(f"{file}: is no SVG with a viewBox, which gives the cell's size")
     lines: list[Floats] = []
-    for element in root.iter():
-        name = _name(element)
-        if name not in _PLAIN:
-            raise InputError(f"{file}: holds a <{name}>; only paths can be drawn")
-        if element.get("transform"):
-            raise InputError(f"{file}: a <{name}> is transformed; apply that to its points")
-        if name == "path":
-            try:
-                lines += lines_of(element.get("d", ""))
-            except InputError as fault:
-                raise InputError(f"{file}: {fault}") from None
+    for path in _drawn(root, file, group="svg"):
+        try:
+            lines += lines_of(path)
+        except InputError as fault:
+            raise InputError(f"{file}: {fault}") from None
     if not lines:
         raise InputError(f"{file}: holds no path")
     low = np.array([box[0], box[1] + box[3]])
     return [(line - low) * [1, -1] for line in lines], (box[2], box[3])
+
+
+def _drawn(element: ElementTree.Element, file: Path, *, group: str = "g") -> Iterator[str]:
+    """The data of all paths that a viewer shows of an element, maybe a `group` of others."""
+    name, style = _name(element), element.get("style", "")
+    if element.get("display") == "none" or re.search(r"display\s*:\s*none", style):
+        return
+    if element.get("transform") or "transform" in style:
+        raise InputError(f"{file}: a <{name}> is transformed; apply that to its points")
+    if name == "path":
+        yield element.get("d", "")
+    elif name == group:
+        for inner in element:
+            # What editors note for themselves is of another namespace.
+            own = _namespace(inner) == _namespace(element)
+            if own and _name(inner) not in _UNSEEN:
+                yield from _drawn(inner, file)
+    else:
+        raise InputError(f"{file}: holds a <{name}>; only paths can be drawn")
 
 
 def _numbers(text: str) -> list[float]:
@@ -123,3 +137,7 @@ def _numbers(text: str) -> list[float]:
 
 def _name(element: ElementTree.Element) -> str:
     return str(element.tag).rpartition("}")[2]
+
+
+def _namespace(element: ElementTree.Element) -> str:
+    return str(element.tag).rpartition("}")[0]

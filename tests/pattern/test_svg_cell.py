@@ -47,9 +47,28 @@ def test_a_file_stands_as_a_viewer_shows_it(tmp_path):
     assert parsed({"svg": "cell.svg"}, tmp_path).density == pytest.approx(1)
 
 
+def test_what_a_viewer_does_not_show_is_not_drawn(tmp_path):
+    # As Inkscape keeps notes, a grid among them, and hides layers.
+    path = tmp_path / "cell.svg"
+    path.write_text(
+        "<svg xmlns='http://www.w3.org/2000/svg' xmlns:s='http://sodipodi.sourceforge.net/DTD/"
+        "sodipodi-0.dtd' xmlns:i='http://www.inkscape.org/namespaces/inkscape' "
+        "xmlns:r='http://www.w3.org/1999/02/22-rdf-syntax-ns#' viewBox='0,0 2 , 1'>"
+        "<s:namedview><i:grid/></s:namedview><metadata><r:RDF/></metadata>"
+        "<defs><path d='M0 0.5 H2'/></defs>"
+        "<g style='fill:none;display: none'><rect/><path d='M0 0.5 H2'/></g>"
+        "<g><path display='none' d='M0 0.5 H2'/><path d='M0 0.25 H2'/></g></svg>"
+    )
+    (line,), size = cell_of(path)
+    assert size == (2, 1)
+    assert line.tolist() == [[0, 0.75], [2, 0.75]]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
+        (SVG.format("<svg><path d='M0 0 H1'/></svg>"), "holds a <svg>"),
+        (SVG.format("<path style='transform:scale(2)' d='M0 0 H1'/>"), "transformed"),
         (SVG.format("<circle r='1'/>"), "holds a <circle>"),
         (SVG.format("<path transform='scale(2)' d='M0 0 H1'/>"), "transformed"),
         (SVG.format("<path d='M0 x'/>"), "no SVG path"),
