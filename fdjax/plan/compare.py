@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ Floats = NDArray[np.float64]
 
 _POINTS = 8
 """Points a side at which a target is averaged over a window."""
+
+_JUMP, _MANY = 0.05, 64
+"""Where a target changes by more from point to point, it is averaged over this many a side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +47,9 @@ def compare(measurement: Measurement, target: Callable[..., Any]) -> Comparison:
 
     The target is called on arrays in mm, z above the bed. It is averaged over each window within
     the outline, at 8 x 8 Gauss points of the window, or of the bounding box of what the outline
-    leaves of it, those inside counting; and over the layers, at their middles, each weighted by
-    its volume. Raises `InputError` for a target that is not finite at one of these.
+    leaves of it, those inside counting, and where it has steps at 64 x 64 points; and over the
+    layers, at their middles, each weighted by its volume. Raises `InputError` for a target that is
+    not finite at one of these.
 
     >>> from shapely import box
     >>> from fdjax.plan.measure import measure
@@ -81,32 +85,66 @@ def compare(measurement: Measurement, target: Callable[..., Any]) -> Comparison:
 def _target_means(filled: Filled, clip: Clip, field: Field) -> Floats:
     """Mean of the target over each clipped window and the layers; 0 where a window is not used."""
     used = clip.area > 0
-    node, gauss = np.polynomial.legendre.leggauss(_POINTS)
-    x0, y0, x1, y1 = clip.bounds[used].T[..., None, None]
-    x = x0 + (x1 - x0) * (node[:, None] + 1) / 2
-    y = y0 + (y1 - y0) * (node[None, :] + 1) / 2
-    x, y = (np.broadcast_to(each, (used.sum(), _POINTS, _POINTS)) for each in (x, y))
-    inside = np.ones(x.shape, bool)
-    cut = clip.cut[used]
-    inside[cut] = contains_xy(filled.outline, x[cut], y[cut])
-    # Of a sliver between the points every point counts.
-    inside |= ~inside.any(axis=(1, 2), keepdims=True)
-    weight = inside * np.outer(gauss, gauss)
-    weight /= weight.sum((1, 2), keepdims=True)
     means = np.zeros(used.shape)
+    node, gauss = np.polynomial.legendre.leggauss(_POINTS)
+    even = (np.arange(_MANY) + 0.5) / _MANY * 2 - 1
     if field.varies_in_z:
         levels = zip(filled.middles, filled.heights / filled.height, strict=True)
     else:
         levels = [(filled.middles[0], 1.0)]
+    points = _Points.of(filled, clip, used, node, gauss)
     for z, share in levels:
-        value = np.broadcast_to(np.asarray(field(x, y, z), float), x.shape)
+        value = points.values(field, z)
+        mean = points.means(value)
+        steep = _steepest(value) > _JUMP
+        if steep.any():
+            there = used.copy()
+            there[used] = steep
+            more = _Points.of(filled, clip, there, even, np.ones(_MANY))
+            mean[steep] = more.means(more.values(field, z))
+        means[used] += share * mean
+    return means
+
+
+class _Points(NamedTuple):
+    """Points of windows, x and y of shape (n, m, m), mm, and their weights, which sum to 1."""
+
+    x: Floats
+    y: Floats
+    weight: Floats
+
+    @classmethod
+    def of(
+        cls, filled: Filled, clip: Clip, used: NDArray[np.bool_], node: Floats, weight: Floats
+    ) -> "_Points":
+        """Those of the windows that are `used`, of a rule on (-1, 1) for either axis."""
+        x0, y0, x1, y1 = clip.bounds[used].T[..., None, None]
+        x = x0 + (x1 - x0) * (node[:, None] + 1) / 2
+        y = y0 + (y1 - y0) * (node[None, :] + 1) / 2
+        x, y = (np.broadcast_to(each, (used.sum(), len(node), len(node))) for each in (x, y))
+        inside = np.ones(x.shape, bool)
+        cut = clip.cut[used]
+        inside[cut] = contains_xy(filled.outline, x[cut], y[cut])
+        # Of a sliver between the points every point counts.
+        inside |= ~inside.any(axis=(1, 2), keepdims=True)
+        share = inside * np.outer(weight, weight)
+        return cls(x, y, share / share.sum((1, 2), keepdims=True))
+
+    def values(self, field: Field, z: float) -> Floats:
+        value = np.broadcast_to(np.asarray(field(self.x, self.y, z), float), self.x.shape)
         if not np.isfinite(value).all():
             bad = np.unravel_index(np.argmin(np.isfinite(value)), value.shape)
-            place = (
-                f"({x[bad]:g}, {y[bad]:g}, {z:g})"
-                if field.varies_in_z
-                else f"({x[bad]:g}, {y[bad]:g})"
-            )
+            at = f"{self.x[bad]:g}, {self.y[bad]:g}"
+            place = f"({at}, {z:g})" if field.varies_in_z else f"({at})"
             raise InputError(f"target: not finite at {place}")
-        means[used] += share * (weight * value).sum((1, 2))
-    return means
+        return value
+
+    def means(self, value: Floats) -> Floats:
+        return (self.weight * value).sum((1, 2))
+
+
+def _steepest(value: Floats) -> Floats:
+    """The largest difference of neighbouring points of each window, (n,), of values (n, m, m)."""
+    return np.maximum(
+        *(np.abs(np.diff(value, axis=axis)).max((1, 2), initial=0.0) for axis in (1, 2))
+    )

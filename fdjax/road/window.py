@@ -19,6 +19,9 @@ from fdjax.road.deposit import Deposit, Raster
 
 Floats = NDArray[np.float64]
 
+_JUMP, _MANY = 0.02, 16
+"""Where a target changes by more from cell to cell, it is looked at so often a side in each."""
+
 
 @dataclass(frozen=True, eq=False)
 class SoftWindows:
@@ -54,7 +57,8 @@ class SoftWindows:
         """Windows of side `size` (mm) over a part; `solid(x, y, z)` is the solid share asked.
 
         Regions and target are summed over cells of about a sixteenth of a window, or an eighth
-        where many layers differ, cut exactly at the walls. `flat` says that neither changes
+        where many layers differ, cut exactly at the walls; the target where it has steps in finer
+        ones. `flat` says that neither changes
         along z.
         """
         fine = 16 if flat else 8
@@ -76,7 +80,8 @@ class SoftWindows:
             if flat:
                 height, middle = part.height, part.height / 2
             volume = height * area[slab.region]
-            wanted = volume * np.where(volume > 0, np.asarray(solid(xx, yy, middle)), 0.0)
+            share = _cell_means(solid, xx, yy, middle, edge_x[1] - edge_x[0], edge_y[1] - edge_y[0])
+            wanted = volume * np.where(volume > 0, share, 0.0)
             place = x, y, np.array([middle])
             room = room + empty.sums(Raster(*place, volume[..., None]))
             asked = asked + empty.sums(Raster(*place, wanted[..., None]))
@@ -143,3 +148,26 @@ class SoftWindows:
         rise = xp.where(edge == 0, 1.0, xp.where(edge == cells, 0.0, rise))
         cells_around = edge.astype(int)[:, None] + np.arange(2)
         return cells_around, np.array([1.0, 0.0]) + rise[:, None] * np.array([-1.0, 1.0])
+
+
+def _cell_means(
+    solid: Callable[[Any, Any, Any], Any], x: Floats, y: Floats, z: float, wide: float, deep: float
+) -> Floats:
+    """The solid share in cells `wide` by `deep` around middles x and y, (n, m), mm: there, or where
+    it changes by more than `_JUMP` from one to the next in the mean over `_MANY` places a side.
+    """
+    value = np.array(np.broadcast_to(np.asarray(solid(x, y, z), float), x.shape))
+    steep = np.zeros(x.shape, bool)
+    for axis in (0, 1):
+        # Beyond the part a target may be anything.
+        with np.errstate(invalid="ignore"):
+            jump = np.abs(np.diff(value, axis=axis)) > _JUMP
+        none = np.zeros_like(value[:1, :] if axis == 0 else value[:, :1], bool)
+        steep |= np.concatenate([jump, none], axis) | np.concatenate([none, jump], axis)
+    if steep.any():
+        share = (np.arange(_MANY) + 0.5) / _MANY - 0.5
+        right = x[steep][:, None, None] + share[:, None] * wide
+        up = y[steep][:, None, None] + share * deep
+        right, up = np.broadcast_arrays(right, up)
+        value[steep] = np.asarray(solid(right, up, z)).mean((1, 2))
+    return value

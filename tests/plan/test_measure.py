@@ -132,6 +132,14 @@ def test_compare_in_windows_cut_by_the_outline():
     assert compare(disc, lambda x, y: 0.3).mean_asked == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize("at", [2.5, 3.1, 6.2])
+def test_a_step_counts_where_it_is(at):
+    result = measure(plate(outline=box(0, 0, 8, 10)), window=5)
+    asked = compare(result, lambda x, y: np.where(x < at, 0.6, 0.8)).mean_asked
+    # To half a step between points.
+    assert asked == pytest.approx(0.8 - 0.2 * at / 8, abs=0.2 * 5 / 64 / 2 / 8)
+
+
 def test_deposits_outside_count_in_the_mean_alone():
     skirt = Road([(-3, -3), (23, -3)], 0.4)
     result = measure(plate(skirt), window=5)

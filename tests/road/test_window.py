@@ -85,6 +85,16 @@ def test_a_window_inside_has_its_own_area_and_the_linear_target_of_its_middle():
     assert windows.total == pytest.approx(30 * 22 * (0.1 + 0.01 * 17 + 0.005 * 10), rel=1e-12)
 
 
+@pytest.mark.parametrize("at", [0.0, 0.1, 0.15])
+def test_a_step_is_asked_for_where_it_is_and_not_at_the_nearest_cell(at):
+    # Cells are 0.3125 mm wide, or, across one more or less of them, one has its middle at 0.
+    for wide in (10.0, 10.3125):
+        outline = shapely.box(-wide / 2, 0, wide / 2, 10)
+        windows = over(outline, lambda x, y: np.where(x < at, 0.2, 0.4), 5.0)
+        exact = 10 * (0.2 * (wide / 2 + at) + 0.4 * (wide / 2 - at))
+        assert windows.total == pytest.approx(exact, rel=5e-4)
+
+
 def test_a_small_outline_has_windows_all_the_same():
     windows = over(shapely.box(0, 0, 1, 2), half, 5.0)
     assert windows.room.shape == (2, 2, 1)
