@@ -23,7 +23,10 @@ def _cell(value: Any, place: Place) -> UnitCell:
     recursive_too = value.keys() & {"rule", "order"}
     own = value.keys() - {"rule", "order"}
     if own not in ({"base"}, {"lines", "size"}, {"path", "size"}, {"svg"}):
-        raise place.error("needs lines and size, as in {size = [1, 1], lines = [[[0, 0], [1, 0]]]}")
+        raise place.error(
+            "needs lines and size, as in {size = [1, 1], lines = [[[0, 0], [1, 0]]]}, or path and "
+            f"size, svg, or base; here it has {', '.join(own) or 'none of these'}"
+        )
     if own == {"base"} and not recursive_too:
         raise place.error("a base needs a rule and an order, or is the name alone")
     if recursive_too == {"order"}:

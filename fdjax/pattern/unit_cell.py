@@ -21,6 +21,9 @@ Ints = NDArray[np.intp]
 _SAME = 1e-6
 """Points of a drawing nearer than this share of its larger side are one."""
 
+_SLENDER = 1000
+"""Largest ratio of a cell's sides, far from where `_SAME` of the larger is much of the other."""
+
 _LOOKS = 64
 """Places along each side of a cell, and lines across a face, at which openings are looked at."""
 
@@ -72,9 +75,14 @@ class UnitCell:
 
     @staticmethod
     def check_lines(lines: Sequence[Sequence[Sequence[float]]], size: tuple[float, float]) -> None:
-        """Raise `InputError` for a size that is not positive and lines that are none."""
+        """Raise `InputError` for a size that cannot be and lines that are none."""
         if not all(np.isfinite(side) and side > 0 for side in size):
             raise InputError(f"cell: its size is {size[0]:g} x {size[1]:g}; both must be positive")
+        if max(size) > _SLENDER * min(size):
+            raise InputError(
+                f"cell: its size is {size[0]:g} x {size[1]:g}; one side may be {_SLENDER} times as "
+                "long as the other"
+            )
         drawn = [np.asarray(line, float) for line in lines]
         if not drawn or any(len(line) < 2 or line.shape[1:] != (2,) for line in drawn):
             raise InputError("cell: needs lines of two points [x, y] or more")
@@ -92,7 +100,10 @@ class UnitCell:
         centre = len(own) * 4 + np.arange(len(own))
         for k in np.flatnonzero(j != centre[i]).tolist():
             if meet[k].length > _SAME * max(self.size):
-                raise InputError(f"cell: a line is drawn twice at {_place(meet[k], self.size)}")
+                raise InputError(
+                    f"cell: a line is drawn twice at {_place(meet[k], self.size)}; copies share "
+                    "what lies on opposite edges, so one of them is enough"
+                )
             gaps = [
                 shapely.distance(meet[k], shapely.Point(end))
                 for line in both[k]

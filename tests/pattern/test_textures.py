@@ -151,7 +151,7 @@ def test_a_cell_of_ones_own_is_read_from_a_job():
     ("cell", "words"),
     [
         ("hexagon", r'"hexagon" is not one of .* \(did you mean "hexagonal"\?\)'),
-        ({"size": [1, 1]}, "needs lines and size"),
+        ({"size": [1, 1]}, "needs lines and size.*here it has size"),
         ({"size": [1, 1], "lines": [[[0, 0.3], [1, 0.4]]]}, r"cell: .*ends at \(0, 0.3\)"),
         ({"size": [1, 1], "lines": [[[0, 0.3]]]}, r"cell.lines\[0\]: has 1 points"),
         ({"size": [0, 1], "lines": [[[0, 0], [1, 0]]]}, "must be positive"),

@@ -54,7 +54,7 @@ def test_a_drawing_may_begin_anywhere():
         ([[(0, 0.3), (1, 0.4)]], r"ends at \(0, 0.3\).*none goes on at \(1, 0.3\)"),
         ([[(0, 0), (1, 1)], [(0, 1), (1, 0)]], r"cross at \(0.5, 0.5\)"),
         ([[(0, 0.5), (1, 0.5)], [(0.4, 0.5), (0.4, 0.9)]], r"cross at \(0.4, 0.5\)"),
-        ([[(0, 0), (1, 0)], [(0, 1), (1, 1)]], "drawn twice"),
+        ([[(0, 0), (1, 0)], [(0, 1), (1, 1)]], "drawn twice.*one of them is enough"),
         ([[(0, 0), (1, float("inf"))]], "finite"),
         ([], "needs lines"),
         ([[(0, 0)]], "needs lines"),
@@ -104,6 +104,8 @@ def test_lines_without_length_are_refused():
 def test_a_size_must_be_positive():
     with pytest.raises(InputError, match="must be positive"):
         UnitCell.of([[(0, 0), (1, 0)]], (1, 0))
+    with pytest.raises(InputError, match="1e-09 x 1; one side may be 1000 times"):
+        UnitCell.of([[(0, 0), (0, 1)]], (1e-9, 1))
 
 
 def test_waves_keep_their_distance():
