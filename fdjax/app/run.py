@@ -22,6 +22,9 @@ from fdjax.plan.toolpath import Build
 from fdjax.target.target import Target
 from fdjax.view import DRAW
 
+SAID = 3
+"""Faults of a design that are told at once; the report has all."""
+
 
 def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     """Design `job`, write its files into `folder`, and return a short table of what came out.
@@ -90,7 +93,10 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
                 at_fault = {folder / f"{job.name}.{kind}" for kind in machines}
             for path in filter(None, at_fault):
                 path.unlink(missing_ok=True)
-        raise DesignError("; ".join(what for _, what in faults))
+        said = [what for _, what in faults[:SAID]]
+        if len(faults) > SAID:
+            said.append(f"{len(faults) - SAID} more in report.json")
+        raise DesignError("; ".join(said))
     return table_of(
         job, result, written, [*notes, *report["design"]["pattern"].get("warnings", ())]
     )

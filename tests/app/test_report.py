@@ -24,3 +24,19 @@ def test_a_file_that_leaves_out_roads_too_short_is_refused_and_says_why(tmp_path
     facts = json.loads((tmp_path / "report.json").read_text())["files"]["job.sml"]
     assert facts["thinned"] > 0.02 * facts["volume"]
     assert not (tmp_path / "job.sml").exists()
+
+
+def test_of_many_faults_the_first_are_told_and_the_report_has_all(tmp_path):
+    # Two lines that part at five degrees lie on each other, layer by layer.
+    lens = [[[0, 0.5], [0.5, 0.5 + side], [1, 0.5]] for side in (0.02, -0.02)]
+    tables = {
+        "files": ["gcode"],
+        "part": {"shape": "rectangle", "size": [20, 20], "layers": 5},
+        "target": {"solid": 0.3, "tolerance": 1.0},
+        "pattern": {"kind": "texture", "cell": {"size": [1, 1], "lines": lens}},
+        "design": {"iterations": 1, "corrections": 0},
+    }
+    with pytest.raises(DesignError, match=r"spacing, layer 0.*2 more in report.json$") as caught:
+        design(config.parse(tables, name="job"), tmp_path, progress=lambda text: None)
+    assert "\n" not in str(caught.value)
+    assert len(json.loads((tmp_path / "report.json").read_text())["faults"]) == 5
