@@ -136,28 +136,29 @@ def drawings(
     names: Sequence[str], outlines: Sequence[str], targets: Sequence[str]
 ) -> Iterator[str]:
     """Textures and curves: the mean of uniform targets, the RMS of graded ones."""
-    yield told(["pattern", "outline", "mean off, uniform", *(f"RMS, {name}" for name in GRADED),
-                "largest", "roads"])  # fmt: skip
-    yield told(["---"] * (5 + len(GRADED)))
+    yield told([
+        "pattern", "outline", *(f"mean off, {name}" for name in UNIFORM),
+        *(f"RMS, {name}" for name in GRADED), "largest", "roads",
+    ])  # fmt: skip
+    yield told(["---"] * (4 + len(TARGETS)))
     for name in names:
         for outline in outlines:
             found = {
                 target: written(outline, TARGETS[target], PATTERNS[name]) for target in targets
             }
             good = {target: facts for target, facts in found.items() if isinstance(facts, dict)}
-            means = [
-                f"{100 * off(good[target]):.2g} %" if target in good else str(found[target])
-                for target in targets
-                if target in UNIFORM
-            ]
-            rms = [
-                f"{good[target]['rms']:.4f}" if target in good else str(found.get(target, "-"))
-                for target in GRADED
+            cells = [
+                _shown(target, good[target]) if target in good else str(found.get(target, "-"))
+                for target in TARGETS
             ]
             largest = [f"{facts['largest']:.3f}" for facts in good.values()]
             roads = [str(facts["most_roads_in_a_layer"]) for facts in good.values()]
             most = (max(each, key=float, default="-") for each in (largest, roads))
-            yield told([name, outline, ", ".join(means) or "-", *rms, *most])
+            yield told([name, outline, *cells, *most])
+
+
+def _shown(target: str, facts: dict[str, Any]) -> str:
+    return f"{100 * off(facts):.2g} %" if target in UNIFORM else f"{facts['rms']:.4f}"
 
 
 def rasters(outlines: Sequence[str], targets: Sequence[str]) -> Iterator[str]:
