@@ -31,7 +31,12 @@ FAMILIES = {
 }
 """Name of a family's roads in a legend, colour of their centre lines, colour of their beads."""
 
-MATERIALS = (("material {}", "#3d7a4e", "#b5d6bd"), ("material {}", "#a8572c", "#efb98f"))
+MATERIALS = (
+    ("material {}", "#3d7a4e", "#b5d6bd"),
+    ("material {}", "#a8572c", "#efb98f"),
+    ("material {}", "#44509e", "#b9c0e6"),
+    ("material {}", "#7d6b14", "#e4d78a"),
+)
 """The same of roads where there are several materials, in turn."""
 
 SHARE_COLOURS, ERROR_COLOURS = "viridis", "RdBu_r"
