@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from fdjax.errors import InputError
 from fdjax.limits import Limits
-from fdjax.optimise.least_squares import STEPS, Outcome, Progress, optimise
+from fdjax.optimise.least_squares import PATIENCE, STEPS, Outcome, Progress, optimise
 from fdjax.optimise.objective import LEAST_WINDOW, MARGIN, Objective, Term
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractPattern, AbstractSettings
@@ -117,17 +117,16 @@ class Design:
             target=jax.device_put(by_hand.target - beside),
             total=jax.device_put(by_hand.total - (np.sum(volumes) - volume)),
         )
-        outcome = optimise(
+        found, outcome = _in_rounds(
             eqx.tree_at(lambda o: (o.pattern, o.windows), self.objective, (self.pattern, goal)),
-            self.controls,
-            steps=self.pattern.correcting,
-            patience=self.pattern.patience,
-            progress=progress,
+            self.pattern.correcting,
+            self.pattern.patience,
+            progress,
         )
         return _finished(
             self.part,
             self.objective,
-            self.pattern.at(outcome.controls),
+            found,
             outcome,
             steps=self.steps + outcome.steps,
             seconds=self.seconds + outcome.seconds,
@@ -196,15 +195,41 @@ def design(
         if len(stages) > 1:
             most = STEPS[False] if iterations is None else iterations
             budget = most - steps if stage is stages[-1] else most // 4
-        outcome = optimise(
-            problem, now.controls(), steps=budget, patience=patience, progress=progress
-        )
+        now, outcome = _in_rounds(problem, budget, patience, progress)
         steps, seconds = steps + outcome.steps, seconds + outcome.seconds
-        now = now.at(outcome.controls)
     now = _recounted(now, volume)
     assert outcome is not None
     assert problem is not None
     return _finished(part, problem, now, outcome, steps=steps, seconds=seconds, volume=volume)
+
+
+def _in_rounds(
+    problem: Objective,
+    steps: int | None,
+    patience: float | None,
+    progress: Callable[[Progress], None] | None,
+) -> tuple[AbstractPattern, Outcome]:
+    """Optimise the problem's pattern from its own controls, mend it and go on from there, as long
+    as there is something to mend and that gains; in so many steps together.
+
+    Returns the pattern at what was found, and the outcome there.
+    """
+    now, spent, seconds, before = problem.pattern, 0, 0.0, np.inf
+    gain = PATIENCE[True] if patience is None else patience
+    while True:
+        problem = eqx.tree_at(lambda o: o.pattern, problem, now)
+        left = None if steps is None else max(steps - spent, 0)
+        outcome = optimise(
+            problem, now.controls(), steps=left, patience=patience, progress=progress
+        )
+        spent, seconds = spent + outcome.steps, seconds + outcome.seconds
+        now = now.at(outcome.controls)
+        mended = now.mended()
+        if mended is now or not outcome.steps:
+            return now, outcome._replace(steps=spent, seconds=seconds)
+        if outcome.error > (1 - gain) * before:
+            steps = spent  # Only looked at once more.
+        now, before = mended, outcome.error
 
 
 def _finished(

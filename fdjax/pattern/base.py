@@ -51,6 +51,12 @@ class AbstractPattern(eqx.Module):
     def at(self, controls: Any) -> "AbstractPattern":
         """The same pattern, starting from these controls."""
 
+    def mended(self) -> "AbstractPattern":
+        """The pattern with what a design holds fixed as suits its controls now: a design goes on
+        from it. Itself where nothing changes.
+        """
+        return self
+
     @abstractmethod
     def realise(self, controls: Any) -> Any: ...
 

@@ -204,6 +204,7 @@ class Mesh(AbstractSettings):
             kind=self.cells,
             polygons=self.laid == "polygons",
             ringed=self.walls,
+            flips=made,
             notes=tuple(note for each in self.mesh or () for note in each.notes),
         )
 

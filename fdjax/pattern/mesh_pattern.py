@@ -1,19 +1,22 @@
 """Edges of meshes as roads: the nodes of several meshes, one a layer, are the controls.
 
 The deposit is that of the edges themselves, cut at the walls: nothing is a mean but the layers, and
-the nodes move until it is right. Which nodes are joined stays as it is.
+the nodes move until it is right. Meshes that were made for a target are joined anew, as Delaunay's
+triangles, where nodes have moved; how those that were given are joined stays as it is.
 """
 
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from fdjax.limits import Limits
 from fdjax.mesh.dual import centre_points, circumcentres
+from fdjax.mesh.flips import Joined, flipped
 from fdjax.mesh.triangulation import Triangulation
 from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.coarse import Lattice
@@ -38,6 +41,9 @@ turned over."""
 _PATIENCE = {"centre": 0.1, "voronoi": 0.04}
 """A window with sharp edges differs from a soft one by more than what a longer design gains; but
 Voronoi's points come along slowly."""
+
+_TURNED = 0.5
+"""Share of the least length by which a Voronoi edge that is flipped later may be turned over."""
 
 _BLUNT = 4
 """Power of a triangle's bluntness by which its nodes step less: with 1, 2, 4 and 8 the error in the
@@ -104,7 +110,7 @@ class MeshPattern(AbstractPattern):
 
     - `first`: the nodes to start from, `rest`: where they lay before any design, both (n, 2), mm.
     - `size`: of the cells around each node, shape (n,), mm.
-    - `links`: pairs of nodes that are joined in a triangulation, shape (l, 2).
+    - `links`: pairs of nodes that are joined in a triangulation at first, shape (l, 2).
     - `least_angle`: of each triangle, degrees; `least_length`: what of a given mesh is shorter than
       roads may be apart keeps to, of each edge, mm.
     - `walls`: distance from the walls; `width`: of the roads, mm.
@@ -114,8 +120,8 @@ class MeshPattern(AbstractPattern):
       their number.
     - `rim`: of polygons, the roads along the walls, and those that are laid there as such.
     - `kind`: what is laid, as the settings name it; `polygons`: whether faces are laid and not
-      edges; `ringed`: whether a road is laid along each wall; `notes`: what was found
-      in given meshes, in words.
+      edges; `ringed`: whether a road is laid along each wall; `flips`: whether nodes are joined
+      anew where they have moved; `notes`: what was found in given meshes, in words.
     """
 
     first: Array
@@ -137,6 +143,7 @@ class MeshPattern(AbstractPattern):
     kind: str = eqx.field(static=True)
     polygons: bool = eqx.field(static=True)
     ringed: bool = eqx.field(static=True)
+    flips: bool = eqx.field(static=True)
     notes: tuple[str, ...] = eqx.field(static=True)
 
     def controls(self) -> Array:
@@ -144,6 +151,33 @@ class MeshPattern(AbstractPattern):
 
     def at(self, controls: Array) -> "MeshPattern":
         return eqx.tree_at(lambda p: p.first, self, controls)
+
+    def mended(self) -> "MeshPattern":
+        """Joined as Delaunay's triangles: an edge that is not is the other diagonal of its two.
+
+        A Voronoi edge has no length when that happens, so nothing that is laid changes at once.
+        """
+        if not self.flips:
+            return self
+        xy = np.asarray(self.first)
+        sides, cells, nodes = (
+            np.asarray(each) for each in (self.edges.sides, self.edges.cells, self.edges.nodes)
+        )
+        # An edge and what crosses it may lie on two sheets.
+        _, once, number = np.unique(
+            np.sort(sides, axis=1), axis=0, return_index=True, return_inverse=True
+        )
+        was = Joined(np.asarray(self.triangles.nodes), sides[once], cells[once])
+        now, changed = flipped(xy, was)
+        if not changed.any():
+            return self
+        sides, cells = now.edges[number], now.beside[number]
+        ends = np.where(nodes[:, :1] < len(xy), sides, len(xy) + cells[:, ::-1])
+        edges = self.edges._replace(
+            nodes=jnp.asarray(ends), sides=jnp.asarray(sides), cells=jnp.asarray(cells)
+        )
+        triangles = self.triangles._replace(nodes=jnp.asarray(now.triangles))
+        return eqx.tree_at(lambda p: (p.edges, p.triangles), self, (edges, triangles))
 
     def realise(self, controls: Array) -> Realised:
         xy = self.nodes(controls)
@@ -188,7 +222,7 @@ class MeshPattern(AbstractPattern):
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
         """Angles of triangles below their least, and edges shorter than roads may be apart, of a
-        Voronoi diagram below none.
+        Voronoi diagram below none, or turned over as far as is mended.
         """
         corner = realised.xy[self.triangles.nodes]
         first, second = jnp.roll(corner, -1, 1) - corner, jnp.roll(corner, 1, 1) - corner
@@ -203,11 +237,13 @@ class MeshPattern(AbstractPattern):
             side = realised.xy[self.edges.sides]
             over = side[:, 1] - side[:, 0]
             of_dual = self.edges.nodes[:, 0] >= len(self.first)
-            excess = jnp.where(of_dual, -_cross(over, along) / _length(over) / least, excess)
-        laid = self.walls.at(realised.ends.mean(1), self.edges.room) > 0
+            turned = -_cross(over, along) / _length(over) / least - _TURNED * self.flips
+            excess = jnp.where(of_dual, turned, excess)
+        # What lies beyond a wall is not laid: only what would reach back into the room counts.
+        beyond = jax.nn.relu(-self.walls.at(realised.ends.mean(1), self.edges.room))
         return {
             "angle": (1 - angle / self.least_angle[:, None]).ravel(),
-            "edge": jnp.where(laid, excess, -1.0),
+            "edge": excess - 2 * beyond / least,
         }
 
     def roughness(self, controls: Array) -> Float[Array, " n"]:

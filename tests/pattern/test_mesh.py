@@ -1,6 +1,7 @@
 """Edges of meshes: where design sees their material, against the roads that a plan lays."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
@@ -9,6 +10,8 @@ from slopes import assert_slopes
 from fdjax.errors import InputError
 from fdjax.formats import profile
 from fdjax.limits import Limits
+from fdjax.mesh.given import Given as GivenMesh
+from fdjax.mesh.triangulation import Triangulation
 from fdjax.optimise.design import design
 from fdjax.optimise.objective import Objective
 from fdjax.part.part import Part
@@ -123,6 +126,69 @@ def test_a_disc_with_a_hole_meets_its_target_in_the_roads(cells):
     assert facts["least_angle"] > 15
     assert facts["median_angle"] > 40
     assert facts["edge_length"][0] > 0.39
+
+
+@pytest.mark.parametrize("cells", CELLS)
+def test_moved_nodes_are_joined_anew_on_all_sheets_of_a_mesh(cells):
+    pattern = begun(cells=cells, phases=2)
+    assert pattern.mended() is pattern
+    rng = np.random.default_rng(1)
+    strayed = pattern.first + 0.3 * pattern.size[:, None] * rng.uniform(
+        -1, 1, (len(pattern.first), 2)
+    )
+    moved = pattern.at(strayed)
+    mended = moved.mended()
+    assert mended is not moved
+    assert mended.mended() is mended
+    # All shapes stay, so nothing compiles anew.
+    assert jax.tree.structure(mended) == jax.tree.structure(moved)
+    assert [np.shape(x) for x in jax.tree.leaves(mended)] == [
+        np.shape(x) for x in jax.tree.leaves(moved)
+    ]
+    nodes, triangles = np.asarray(mended.first), np.asarray(mended.triangles.nodes)
+    mesh = Triangulation(nodes, triangles)
+    assert mesh.angles.min() > Triangulation(nodes, np.asarray(moved.triangles.nodes)).angles.min()
+    for first, last in mended.sheets:
+        own = slice(first, last)
+        sides, beside, ends = (
+            np.asarray(each[own])
+            for each in (mended.edges.sides, mended.edges.cells, mended.edges.nodes)
+        )
+        for cell in beside.T:
+            shared = (triangles[cell][:, :, None] == sides[:, None, :]).any(1)
+            assert shared.all()
+        dual = ends[0, 0] >= len(nodes)
+        np.testing.assert_array_equal(ends, len(nodes) + beside[:, ::-1] if dual else sides)
+    if pattern.dual == "voronoi":
+        excess = mended.penalties(mended.realise(mended.first), MARLIN.limits)["edge"]
+        of_dual = np.asarray(mended.edges.nodes[:, 0]) >= len(nodes)
+        # No edge is turned over: all are further from what is allowed than half a road.
+        assert np.asarray(excess)[of_dual].max() < -0.49
+
+
+def test_meshes_that_are_given_stay_joined_as_they_are():
+    nodes = np.array([(0.0, 0), (40, 0), (41, 41), (0, 40)])
+    given = GivenMesh.of(nodes, [(0, 1, 2), (0, 2, 3)])
+    pattern = begun(cells="triangles", mesh=(given,))
+    assert pattern.mended() is pattern
+
+
+@pytest.mark.parametrize("cells", ["triangles", "voronoi-dual"])
+def test_barriers_do_not_jump_where_an_edge_slides_over_a_wall(cells):
+    pattern = begun(cells=cells, phases=1)
+    # Small, so that edges are short, and those of Voronoi turned over; over the wall and back.
+    about = jnp.asarray(DISC.exterior.coords[0])
+    small = jnp.array([0.05 if cells == "triangles" else -0.05, 0.05])
+
+    def barrier(shift):
+        xy = about + small * (pattern.first - about) + jnp.array([shift, 0.0])
+        excess = pattern.penalties(pattern.realise(xy), MARLIN.limits)["edge"]
+        return jnp.where(excess > -0.5, excess, -0.5)
+
+    excess = np.asarray(jax.jit(jax.vmap(barrier))(jnp.linspace(-0.5, 0.5, 1001)))
+    assert np.ptp(excess, axis=0).max() > 0.2
+    # 2 mm an mm, over the least length.
+    assert np.abs(np.diff(excess, axis=0)).max() < 1.5 * 2 * 1e-3 / 0.3
 
 
 def test_cells_hold_what_the_whole_does():
