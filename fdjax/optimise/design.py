@@ -214,7 +214,7 @@ def _in_rounds(
 
     Returns the pattern at what was found, and the outcome there.
     """
-    now, spent, seconds, before = problem.pattern, 0, 0.0, np.inf
+    now, spent, seconds, before, converged = problem.pattern, 0, 0.0, np.inf, False
     gain = PATIENCE[True] if patience is None else patience
     while True:
         problem = eqx.tree_at(lambda o: o.pattern, problem, now)
@@ -225,10 +225,12 @@ def _in_rounds(
         spent, seconds = spent + outcome.steps, seconds + outcome.seconds
         now = now.at(outcome.controls)
         mended = now.mended()
+        converged = outcome.converged if outcome.steps else converged
         if mended is now or not outcome.steps:
-            return now, outcome._replace(steps=spent, seconds=seconds)
+            return now, outcome._replace(steps=spent, seconds=seconds, converged=converged)
         if outcome.error > (1 - gain) * before:
-            steps = spent  # Only looked at once more.
+            # What was mended last is only looked at.
+            steps = spent
         now, before = mended, outcome.error
 
 

@@ -191,6 +191,21 @@ def test_barriers_do_not_jump_where_an_edge_slides_over_a_wall(cells):
     assert np.abs(np.diff(excess, axis=0)).max() < 1.5 * 2 * 1e-3 / 0.3
 
 
+def test_a_voronoi_design_ends_with_a_voronoi_diagram():
+    part = plate(6)
+    settings = Mesh(cells="voronoi-dual", phases=3)
+    start = settings.begin(part, LINEAR, MARLIN.limits, 5.0)
+    found = design(part, LINEAR, limits=MARLIN.limits, pattern=settings)
+    assert found.made
+    assert found.broken == {}
+    assert found.outcome.converged
+    assert found.pattern.mended() is found.pattern
+    # Some edges are others than those that it began with.
+    assert found.pattern.edges.sides.shape == start.edges.sides.shape
+    assert (found.pattern.edges.sides != start.edges.sides).any()
+    assert found.outcome.error < 0.01
+
+
 def test_cells_hold_what_the_whole_does():
     part = plate()
     pattern = begun(part, cells="triangles-and-centre-dual")
