@@ -23,6 +23,8 @@ from fdjax.formats.sml_codes import (
 from fdjax.plan.toolpath import Build, Outline
 from fdjax.units import MICROSTEP
 
+_PLAIN = re.compile(r"MA(-?\d{1,6}),(-?\d{1,6})")
+"""Nearly all that is in a file: what it says needs no closer look."""
 _COMMAND = re.compile(r"([A-Za-z]{2})([-+.,\d\s]*)")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 _MACHINE = re.compile(r"^\W*fdjax machine = (.*)$", re.MULTILINE)
@@ -109,16 +111,16 @@ class _Plotter:
         command = command.strip().removeprefix(self._mark).strip()
         if not command:
             return
+        if (plain := _PLAIN.fullmatch(command)) is not None:
+            self._act(command)
+            self._go([(float(plain[1]), float(plain[2]))])
+            return
         match = _COMMAND.fullmatch(command)
         # The numbers are looked at apart: one pattern for all would take exponential time.
         if match is None or _NUMBER.sub("", match[2]).strip(", \t\r\n"):
             raise InputError(f"not SML: {command[:30]!r} is no two letters with numbers")
         name = match[1].upper()
-        self._last.append(command)
-        if self._path is not None and name in _ACTIONS:
-            self._actions += 1
-            if self._actions > MOST_ACTIONS:
-                raise InputError(f"more than {MOST_ACTIONS} actions between BC and EC")
+        self._act(command, acts=name in _ACTIONS)
         if name in ("MA", "MR"):
             self._move(name, _numbers(match, 2))
         elif name in ("AA", "AR"):
@@ -137,6 +139,13 @@ class _Plotter:
             self._material = self._materials.index(_squeeze(command))
         elif name not in self._passed_over:
             raise InputError(f"unknown command {name} in {command[:30]!r}")
+
+    def _act(self, command: str, *, acts: bool = True) -> None:
+        self._last.append(command)
+        if acts and self._path is not None:
+            self._actions += 1
+            if self._actions > MOST_ACTIONS:
+                raise InputError(f"more than {MOST_ACTIONS} actions between BC and EC")
 
     def _begin(self) -> None:
         if self._path is not None:
