@@ -109,6 +109,7 @@ def _measured(arguments: argparse.Namespace) -> "Answer":
         high=arguments.high,
         window=length(arguments.window, "--window"),
         shifted=arguments.shift,
+        count=arguments.count,
         outline=arguments.outline,
         layer_height=optional_length("layer_height"),
         filament=filament and [length(each, "--filament") for each in filament],
@@ -243,6 +244,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--high", type=float, default=1.0, help="what white, or a value 1, stands for (default 1)")
     add("--window", default="5mm", metavar="LENGTH", help="side of the windows (default 5mm)")
     add("--shift", action="store_true", help="shift all windows by half a window")
+    counted = "what counts as solid: volume laid (default), or what is covered, seen from above"
+    add("--count", choices=("volume", "coverage"), default="volume", help=counted)
     outline = "what the layers fill (default: what the file says, else told from its roads)"
     add("--outline", metavar="FILE|WKT", help=outline)
     add("--layer-height", metavar="LENGTH", help="instead of what the file says")

@@ -33,6 +33,7 @@ class Question:
       "porosity" or "solid"; `unit`: of x, y and z in the expression; `low`, `high`: what black and
       white, or 0 and 1, stand for.
     - `window`: side of the windows, mm; `shifted`: by half a window in both directions.
+    - `count`: "volume", or "coverage" for what roads cover, seen from above.
     - `outline`: WKT, or a file that holds WKT or GeoJSON, of one or more polygons;
       where there is none, that of the outermost perimeters or the footprint of the roads.
     - `layer_height`: mm; `filament`: mm, one or one a tool; `machine`: a profile's name or file;
@@ -47,6 +48,7 @@ class Question:
     high: float = 1.0
     window: float = 5.0
     shifted: bool = False
+    count: str = "volume"
     outline: str | None = None
     layer_height: float | None = None
     filament: float | Sequence[float] | None = None
@@ -104,6 +106,7 @@ class Answer:
             "quantity": self.question.quantity,
             "window": self.question.window,
             "shifted": self.question.shifted,
+            "count": self.question.count,
             "windows": int(self.measurement.kept.sum()),
             "mean_asked": self.comparison.mean_asked,
             "mean_got": self.comparison.mean_got,
@@ -128,11 +131,12 @@ class Answer:
         fact = self.facts()
         x, y = fact["largest_at"]
         where = f"{fact['window']:g} mm windows{', shifted by half' * fact['shifted']}"
+        counted = ", of what is covered from above" if fact["count"] == "coverage" else ""
         materials = fact["materials"] if len(fact["materials"]) > 1 else {}
         return "\n".join(
             [
                 f"{fact['file']}: {fact['layers']} layers, {fact['roads']} roads",
-                f"porosity asked    {fact['mean_asked']:8.4f}  mean of the part",
+                f"porosity asked    {fact['mean_asked']:8.4f}  mean of the part{counted}",
                 f"porosity got      {fact['mean_got']:8.4f}",
                 f"RMS error         {fact['rms']:8.4f}  in {fact['windows']} {where}",
                 f"largest error     {fact['largest']:+8.4f}  at ({x:.4g}, {y:.4g}) mm",
@@ -201,7 +205,9 @@ def answer(path: str | Path, question: Question) -> Answer:
         build = build.replace(reading={**build.reading, "outline": said})
     half = 0.5 if question.shifted else 0.0
     try:
-        measurement = measure(build, window=question.window, shift=(half, half))
+        measurement = measure(
+            build, window=question.window, shift=(half, half), count=question.count
+        )
     except InputError as fault:
         said = build.reading.get("outline")
         more = f"; the outline is {said}, without --outline" if said else ""

@@ -26,6 +26,7 @@ from fdjax.pattern.auto import Auto
 from fdjax.plan.check import Finding, check
 from fdjax.plan.compare import compare
 from fdjax.plan.corners import cut_corners
+from fdjax.plan.counted import deposits
 from fdjax.plan.measure import measure
 from fdjax.plan.toolpath import Build
 from fdjax.plan.trace import lay
@@ -127,7 +128,7 @@ def _planned(
     """The design and its plan, corrected and counted anew where that makes the plan better."""
     made = [_tried(job, result, machine, target, beside)]
     for _ in range(job.pattern.corrections):
-        places = made[-1].plan.deposits(job.target.window / 4)
+        places = deposits(made[-1].plan, job.target.window / 4, job.pattern.count)
         result = made[-1].design.corrected(*places, progress=show)
         made.append(_tried(job, result, machine, target, beside))
     best = _soundest(job, made, machine, target) if len(made) > 1 else made[0]
@@ -176,7 +177,10 @@ class _Missed(NamedTuple):
 
 def _missed(job: Job, plan: Build, target: Target) -> _Missed:
     plain, shifted = (
-        compare(measure(plan, window=job.target.window, shift=shift), target) for shift in SHIFTS
+        compare(
+            measure(plan, window=job.target.window, shift=shift, count=job.pattern.count), target
+        )
+        for shift in SHIFTS
     )
     misses = sum(
         each.rms**2 + (WHOLE * (each.mean_got - each.mean_asked)) ** 2 for each in (plain, shifted)

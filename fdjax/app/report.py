@@ -17,7 +17,8 @@ from fdjax.plan.toolpath import Build
 class Written:
     """One machine file as it was read back: `measurement` and `comparison` are of the file,
     `shifted` of the same in windows shifted by half; `planned` is the plan's volume, and `thinned`
-    that of lines left out of it, mm^3; `materials` is what was laid of two, as `Materials.laid`;
+    that of lines left out of it, mm^3; `count`: what was counted, and `by_volume` the comparison of
+    the volume where that is another; `materials` is what was laid of two, as `Materials.laid`;
     `subdomains`: solid share that was got in each of them.
     """
 
@@ -31,6 +32,8 @@ class Written:
     comparison: Comparison
     shifted: Comparison
     coverage: float
+    count: str
+    by_volume: Comparison | None = None
     materials: dict[str, Any] | None = None
     subdomains: tuple[float, ...] = ()
 
@@ -111,10 +114,11 @@ def report_of(
 
 def _facts(each: Written) -> dict[str, Any]:
     comparison, build = each.comparison, each.build
-    facts = {
+    facts: dict[str, Any] = {
         "machine": each.machine.name,
         "unverified": list(each.machine.unverified),
         "window": float(each.measurement.x[1] - each.measurement.x[0]),
+        "count": each.count,
         "mean_asked": comparison.mean_asked,
         "mean_got": comparison.mean_got,
         "rms": comparison.rms,
@@ -135,6 +139,9 @@ def _facts(each: Written) -> dict[str, Any]:
             for f in each.findings
         ],
     }
+    if each.by_volume is not None:
+        own = each.by_volume
+        facts["by_volume"] = {"mean_got": own.mean_got, "rms": own.rms, "largest": own.largest}
     if each.subdomains:
         facts["subdomains_solid_got"] = list(each.subdomains)
     return facts if each.materials is None else facts | {"materials": each.materials}
@@ -154,6 +161,12 @@ def table_of(job: Job, result: Design, written: list[Written], notes: list[str])
             f" {sum(len(layer.roads) for layer in build.layers):6d}"
             f" {sum(layer.travel for layer in build.layers):8.1f} {len(each.findings):8d}"
         )
+        if each.by_volume is not None:
+            v = each.by_volume
+            rows.append(
+                f"{'  the same, by volume':28} {v.mean_asked:8.4f} {v.mean_got:8.4f} {v.rms:8.4f}"
+                f" {v.largest:8.4f}"
+            )
         if each.materials is not None:
             got, asked = (
                 ", ".join(f"{share:.4f}" for share in each.materials[key])
@@ -161,6 +174,7 @@ def table_of(job: Job, result: Design, written: list[Written], notes: list[str])
             )
             changes = each.materials["changes"]
             rows.append(f"  materials: {got} of the volume, {asked} asked; {changes} changes")
+    what = "porosity" if job.pattern.count == "volume" else "what is open, seen from above"
     return "\n".join(
-        [*rows, f"porosity, measured in the files, in {job.target.window:g} mm windows", *notes]
+        [*rows, f"{what}, measured in the files, in {job.target.window:g} mm windows", *notes]
     )

@@ -114,7 +114,10 @@ def _written(
     path.write_text(module(path).write(build, machine), encoding="utf-8")
     read = read_file(path, machine=machine)
     window = job.target.window
-    measurement, shifted = (measure(read, window=window, shift=shift) for shift in SHIFTS)
+    count = job.pattern.count
+    measurement, shifted = (
+        measure(read, window=window, shift=shift, count=count) for shift in SHIFTS
+    )
     comparison = compare(measurement, target)
     if beside is not None:
         beside.ask(
@@ -141,6 +144,8 @@ def _written(
         comparison,
         compare(shifted, target),
         coverage(read),
+        count,
+        None if count == "volume" else compare(measure(read, window=window), target),
     )
 
 

@@ -72,8 +72,9 @@ def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
 
 
 def trimmed_to(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
-    """The plan with the volume that is asked, by the sections of its roads: as much as that takes
-    where their width is free, else only up to `FAINT` and where the machine lays it.
+    """The plan with the volume, or the coverage, that is asked, by the sections of its roads: as
+    much as that takes where their width is free, else only up to `FAINT` and where the machine lays
+    it.
     """
     if not plan.volume > 0:
         return plan
@@ -84,8 +85,8 @@ def trimmed_to(job: Job, result: Design, plan: Build, machine: Machine) -> Build
         volumes = [each["solid_asked"] * each["area"] * height for each in asked]
         trimmed, faint = trim_subdomains(plan, volumes, most=UNEVEN), True
     else:
-        trimmed = trim(plan, result.volume)
-        faint = abs(result.volume / plan.volume - 1) < FAINT
+        trimmed = trim(plan, result.volume, count=job.pattern.count)
+        faint = abs(trimmed.volume / plan.volume - 1) < FAINT
     if job.pattern.width_is_free:
         return trimmed
     low, high = machine.limits.road_width

@@ -47,6 +47,11 @@ class Triangulation:
         """The nodes of each edge, shape (edges, 2)."""
         return self._sides[0]
 
+    @property
+    def sides(self) -> Ints:
+        """The number of the edge from each corner of a triangle to its next, (triangles, 3)."""
+        return self._sides[1]
+
     @cached_property
     def beside(self) -> Ints:
         """The triangles left and right of each edge, shape (edges, 2); -1 for none."""

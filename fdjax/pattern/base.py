@@ -163,8 +163,10 @@ class AbstractSettings:
       pattern without families leaves the mode as it is.
     - `road_width`: mm, or where the design starts; `controls`: what the design may change.
     - `corrections`: how often a design is worth correcting by what a plan of it lays.
+    - `count`: what a solid share counts, in design, correction and report, one of `bead.SECTIONS`.
     """
 
+    count: str = "volume"
     mode: str = "alternate"
     phases: int
     road_width: float

@@ -3,10 +3,9 @@
 Triangulations whose cells are as large as the target asks, that are given, or drawn in a chart.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,14 +18,16 @@ from fdjax.limits import Limits
 from fdjax.mesh.dual import centre_points, circumcentres
 from fdjax.mesh.given import DIAGONALS, Given
 from fdjax.mesh.triangulation import Triangulation, relaxed
-from fdjax.part.part import Part, Slab
+from fdjax.part.part import Part
 from fdjax.part.region import Region
 from fdjax.pattern.base import AbstractSettings, road_width_key
 from fdjax.pattern.coarse import Lattice
 from fdjax.pattern.mesh_pattern import LEAST_ANGLE, Cells, Edges, MeshPattern, Pieces
+from fdjax.pattern.mesh_sheets import Sheet, offsets, sheets_of, stacks_of
 from fdjax.pattern.mesh_sizes import Stack, fields_of, rim_of
 from fdjax.pattern.mesh_source import CHARTS, MESHES, Begun, Chart, of_given, of_quads
-from fdjax.road.bead import section_area
+from fdjax.pattern.mesh_wedges import wedges_of
+from fdjax.road.bead import SECTIONS
 from fdjax.road.deposit import Points
 from fdjax.road.wall_distance import WallDistance
 from fdjax.target.target import Target
@@ -99,6 +100,11 @@ class Mesh(AbstractSettings):
     walls: bool = key(
         FLAG, "of edges: a closed road along each wall, at which they end", default=False
     )
+    count: str = key(
+        choice(*SECTIONS), "what a solid share is, designed for and reported: of the volume laid, "
+        "which counts beads that meet in nodes twice there, or of the area covered as seen from "
+        "above, which counts it once; of edges", default="volume",
+    )  # fmt: skip
     phases: int = key(
         whole(1, 100), "meshes that follow each other over the layers, where these are alike",
         default=5,
@@ -126,6 +132,10 @@ class Mesh(AbstractSettings):
             raise InputError("quads: they are of a map; give through, and no mesh")
         if self.walls and self.laid == "polygons":
             raise InputError("walls: polygons have a road along each wall anyway")
+        if self.count not in SECTIONS:
+            raise InputError(f'count: "{self.count}" is not one of {", ".join(SECTIONS)}')
+        if self.count == "coverage" and self.laid == "polygons":
+            raise InputError("count: coverage is of edges; polygons meet in no nodes")
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> MeshPattern:
         """Meshes as fine as the target asks, relaxed.
@@ -136,15 +146,15 @@ class Mesh(AbstractSettings):
         """
         flat = target.is_flat_over(part)
         phases = self.phases if self.mesh is None else len(self.mesh)
-        sheets = list(_sheets(part, CELLS[self.cells], phases, flat))
+        sheets = list(sheets_of(part, CELLS[self.cells], phases, flat))
         margin = self.road_width * (1.5 if self.walls else 0.5)
         rooms = {region: region.inset(margin) for region in part.regions}
-        stacks = _stacks(sheets)
+        stacks = stacks_of(sheets)
         rim = _NONE
         if self.laid == "polygons":
-            rim = rim_of(part, target, self.road_width, flat=flat)
+            rim = rim_of(part, target, self.road_width, flat=flat, count=self.count)
         elif self.walls:
-            rim = rim_of(part, None, self.road_width, flat=flat)
+            rim = rim_of(part, None, self.road_width, flat=flat, count=self.count)
         begun = [
             _trimmed(each, rooms[stack.region])
             for each, stack in zip(
@@ -156,11 +166,11 @@ class Mesh(AbstractSettings):
         places = list(rooms)
         nodes = np.concatenate([mesh.xy for mesh in meshes])
         edges, ends = self._edges(sheets, meshes, len(nodes), places)
-        offsets = _offsets([len(mesh.xy) for mesh in meshes])
-        links = [mesh.edges + first for mesh, first in zip(meshes, offsets, strict=False)]
+        firsts = offsets([len(mesh.xy) for mesh in meshes])
+        links = [mesh.edges + first for mesh, first in zip(meshes, firsts, strict=False)]
         dual = CELLS[self.cells][-1]
         triangles = Cells(
-            np.concatenate([m.triangles + n for m, n in zip(meshes, offsets, strict=False)]),
+            np.concatenate([m.triangles + n for m, n in zip(meshes, firsts, strict=False)]),
             *(
                 np.repeat(each, [len(mesh.triangles) for mesh in meshes])
                 for each in (
@@ -184,6 +194,9 @@ class Mesh(AbstractSettings):
             size=jnp.asarray(np.concatenate([each.size for each in begun])),
             links=jnp.asarray(np.concatenate(links)),
             edges=jax.tree.map(jnp.asarray, edges),
+            wedges=None
+            if self.count == "volume"
+            else jax.tree.map(jnp.asarray, wedges_of(sheets, meshes, len(nodes), places)),
             pieces=jax.tree.map(jnp.asarray, _pieces(length, window / _PIECES)),
             triangles=jax.tree.map(jnp.asarray, triangles),
             walls=jax.tree.map(jnp.asarray, walls),
@@ -222,7 +235,7 @@ class Mesh(AbstractSettings):
         if self.mesh is not None:
             some = of_given(self.mesh, chart)
         elif chart is not None:
-            counts = self.quads or chart.counts(stacks, target, self.road_width)
+            counts = self.quads or chart.counts(stacks, target, self.road_width, self.count)
             some = of_quads(chart, counts, self.diagonal, len(stacks))
         else:
             polygons = self.laid == "polygons"
@@ -234,6 +247,7 @@ class Mesh(AbstractSettings):
                 rim=rim,
                 polygons=polygons,
                 window=window,
+                count=self.count,
             )
             meshes = [relaxed(field, k * _GOLDEN % 1) for k, field in enumerate(fields)]
             some = [
@@ -242,18 +256,20 @@ class Mesh(AbstractSettings):
         return [some[k % len(some)] for k in range(len(stacks))]
 
     def _edges(
-        self, sheets: "list[_Sheet]", meshes: list[Triangulation], nodes: int, places: list[Region]
+        self, sheets: list[Sheet], meshes: list[Triangulation], nodes: int, places: list[Region]
     ) -> tuple[Edges, tuple[tuple[int, int], ...]]:
         """The edges of all sheets, and where each sheet's begin and end."""
-        first_node = _offsets([len(mesh.xy) for mesh in meshes])
-        first_cell = _offsets([len(mesh.triangles) for mesh in meshes])
+        first_node = offsets([len(mesh.xy) for mesh in meshes])
+        first_cell = offsets([len(mesh.triangles) for mesh in meshes])
         pieces = []
         for sheet in sheets:
             mesh, node, cell = meshes[sheet.mesh], first_node[sheet.mesh], first_cell[sheet.mesh]
             laid = mesh.inner
             sides, cells = mesh.edges[laid] + node, mesh.beside[laid] + cell
             ends = sides if sheet.kind == "triangles" else nodes + cells[:, ::-1]
-            section = sum(section_area(self.road_width, slab.height) for slab in sheet.slabs)
+            section = sum(
+                SECTIONS[self.count](self.road_width, slab.height) for slab in sheet.slabs
+            )
             alike: tuple[Any, ...] = (places.index(sheet.slabs[0].region), sheet.z, section)
             graph = (
                 mesh.xy
@@ -263,42 +279,11 @@ class Mesh(AbstractSettings):
             own = mesh.edges[laid] if sheet.kind == "triangles" else mesh.beside[laid]
             alike = (*alike, _corners(graph, own))
             pieces.append((ends, cells, sides, *(np.full(len(ends), each) for each in alike)))
-        bounds = _offsets([len(piece[0]) for piece in pieces])
+        bounds = offsets([len(piece[0]) for piece in pieces])
         return (
             Edges(*(np.concatenate(column) for column in zip(*pieces, strict=True))),
             tuple(pairwise(bounds)),
         )
-
-
-class _Sheet(NamedTuple):
-    """What some layers hold alike: the number of its mesh, what of it is laid, and the layers."""
-
-    mesh: int
-    kind: str
-    slabs: tuple[Slab, ...]
-    z: float
-
-
-def _sheets(part: Part, kinds: tuple[str, ...], phases: int, flat: bool) -> Iterator[_Sheet]:
-    """Alike layers take the sheets in turn; else each layer has one, with a mesh of its own."""
-    if not flat:
-        for k, (slab, middle) in enumerate(zip(part.slabs, part.middles, strict=True)):
-            yield _Sheet(k, kinds[k % len(kinds)], (slab,), float(middle))
-        return
-    count = min(phases * len(kinds), len(part.slabs))
-    for k in range(count):
-        kind = kinds[k % len(kinds)]
-        yield _Sheet(k // len(kinds), kind, part.slabs[k::count], part.height / 2)
-
-
-def _stacks(sheets: list[_Sheet]) -> list[Stack]:
-    found = []
-    for mesh in range(1 + max(sheet.mesh for sheet in sheets)):
-        own = [sheet for sheet in sheets if sheet.mesh == mesh]
-        slabs = tuple(slab for sheet in own for slab in sheet.slabs)
-        kinds = tuple(sheet.kind for sheet in own for _ in sheet.slabs)
-        found.append(Stack(slabs, kinds, own[0].z))
-    return found
 
 
 def _check_delaunay(
@@ -360,10 +345,6 @@ def _corners(xy: np.ndarray, edges: np.ndarray) -> float:
     # Nodes at the rim of a mesh have faces on one side only.
     whole = (degree[node] > 2) & (turn > 0) & (turn < np.pi)
     return float((1 / np.tan(turn[whole] / 2)).sum() / whole.sum() * 2)
-
-
-def _offsets(counts: list[int]) -> list[int]:
-    return [0, *np.cumsum(counts).tolist()]
 
 
 def _pieces(length: np.ndarray, longest: float) -> Pieces:

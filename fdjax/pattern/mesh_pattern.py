@@ -20,6 +20,7 @@ from fdjax.mesh.flips import Joined, flipped
 from fdjax.mesh.triangulation import Triangulation
 from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.coarse import Lattice
+from fdjax.pattern.mesh_wedges import Wedges, excess
 from fdjax.road.deposit import Points
 from fdjax.road.stroke import Graph, Polygons, Rings, Stroke
 from fdjax.road.wall_distance import WallDistance, inside
@@ -111,6 +112,7 @@ class MeshPattern(AbstractPattern):
     - `first`: the nodes to start from, `rest`: where they lay before any design, both (n, 2), mm.
     - `size`: of the cells around each node, shape (n,), mm.
     - `links`: pairs of nodes that are joined in a triangulation at first, shape (l, 2).
+    - `wedges`: at nodes, where they count once what beads that meet there cover.
     - `least_angle`: of each triangle, degrees; `least_length`: what of a given mesh is shorter than
       roads may be apart keeps to, of each edge, mm.
     - `walls`: distance from the walls; `width`: of the roads, mm.
@@ -130,6 +132,7 @@ class MeshPattern(AbstractPattern):
     links: Array
     edges: Edges
     pieces: Pieces
+    wedges: Wedges | None
     triangles: Cells
     walls: WallDistance
     coarse: tuple[Lattice, ...]
@@ -198,10 +201,32 @@ class MeshPattern(AbstractPattern):
         share, middle = inside(start, end, self.walls.at(start, room), self.walls.at(end, room))
         run = share * (pieces.end - pieces.start) * self._laid(_length(along))[edge]
         xyz = jnp.concatenate([middle, self.edges.z[edge][:, None]], 1)
-        volume = run * self.edges.section[edge]
-        return Points(
-            jnp.concatenate([xyz, self.rim.xyz]), jnp.concatenate([volume, self.rim.volume])
-        )
+        some = [(xyz, run * self.edges.section[edge]), self.rim]
+        if self.wedges is not None:
+            some += [self._excess(self.wedges, realised), self._ends(realised)]
+        return Points(*(jnp.concatenate(column) for column in zip(*some, strict=True)))
+
+    def _excess(self, wedges: Wedges, realised: Realised) -> tuple[Array, Array]:
+        """What is covered twice at nodes, where, and how much less than nothing that is, mm^3."""
+        corner = realised.xy[wedges.nodes]
+        # Near the walls nodes are moved to them and become one.
+        within = self.walls.at(corner[:, 0], wedges.room) / self.width + 0.5
+        twice = excess(corner, self.width / 2, self.width / 2) * jnp.clip(within, 0, 1)
+        return jnp.concatenate([corner[:, 0], wedges.z[:, None]], 1), -twice * wedges.height
+
+    def _ends(self, realised: Realised) -> tuple[Array, Array]:
+        """Round ends of edges that a wall cuts, less the nearer one of their nodes is to it."""
+        start, end = realised.ends[:, 0], realised.ends[:, 1]
+        edges = self.edges
+        before, after = self.walls.at(start, edges.room), self.walls.at(end, edges.room)
+        cut = (before > 0) != (after > 0)
+        near, far = jnp.minimum(before, after), jnp.maximum(before, after)
+        share = before / jnp.where(cut, before - after, 1.0)
+        whole = jnp.clip(jnp.minimum(-near, far) / self.width * 2, 0, 1) * cut
+        xy = start + jnp.where(cut, share, 0.0)[:, None] * (end - start)
+        # A rectangle's section over its width is the height.
+        half_disc = jnp.pi / 8 * self.width * edges.section
+        return jnp.concatenate([xy, edges.z[:, None]], 1), half_disc * whole
 
     def _laid(self, length: Array) -> Array:
         """Length of road, mm, for each edge (e,) of these lengths."""
@@ -212,6 +237,8 @@ class MeshPattern(AbstractPattern):
         length = _length(realised.ends[:, 1] - realised.ends[:, 0])
         half = self._laid(length) * self.edges.section / 2
         held = jnp.zeros(len(cells.room)).at[self.edges.cells].add(half[:, None])
+        if self.wedges is not None:
+            held = held.at[self.wedges.cell].add(self._excess(self.wedges, realised)[1])
         corner = realised.xy[cells.nodes]
         area = _cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]) / 2
         middle = corner.mean(1)
@@ -310,6 +337,7 @@ class MeshPattern(AbstractPattern):
             "kind": "mesh",
             "cells": self.kind,
             "laid": "polygons" if self.polygons else "edges",
+            "count": "volume" if self.wedges is None else "coverage",
             "sheets": len(self.sheets),
             "nodes": len(self.first),
             "triangles": int(inner.sum()),

@@ -14,7 +14,7 @@ from fdjax.mesh.size import MOST_CELLS, SizeField
 from fdjax.mesh.triangulation import relaxed
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
-from fdjax.road.bead import section_area
+from fdjax.road.bead import SECTIONS, section_area
 from fdjax.road.deposit import Points
 from fdjax.target.target import Target
 
@@ -47,35 +47,39 @@ def fields_of(
     rim: Points,
     polygons: bool,
     window: float,
+    count: str,
 ) -> list[SizeField]:
-    """The size of the cells of each mesh, mm, for roads of a width, mm."""
+    """The size of the cells of each mesh, mm, for roads of a width, mm, of which `count` counts."""
+    section = SECTIONS[count]
     if polygons:
         target = _less(target, rim, stacks)
     ringed = bool(len(rim.volume)) and not polygons
     fields: list[SizeField] = []
     for stack in stacks[:1] if flat else stacks:
         length = sum(
-            LENGTH[kind] * section_area(width, slab.height)
+            LENGTH[kind] * section(width, slab.height)
             for kind, slab in zip(stack.kinds, stack.slabs, strict=True)
         )
 
         def size(x: Any, y: Any, stack: Stack = stack, length: float = length) -> np.ndarray:
             solid = np.asarray(target.solid(x, y, stack.z))
             if ringed:
-                solid = _beside(stack, solid, x, y, width, window)
+                solid = _beside(stack, solid, x, y, width, window, count)
             with np.errstate(divide="ignore"):
                 if polygons:
                     return _of_polygons(stack, solid, length, width)
+                if count == "coverage":
+                    return _covering(stack, solid, length, width)
                 return length / (stack.height * solid)
 
         fields.append(SizeField.over(stack.region.geometry, size))
     fields *= len(stacks) if flat else 1
-    count = sum(
+    cells = sum(
         2 * field.count(stack.region.geometry) for field, stack in zip(fields, stacks, strict=True)
     )
-    if count > MOST_CELLS:
+    if cells > MOST_CELLS:
         raise InputError(
-            f"mesh: {len(stacks)} meshes of {count:.3g} triangles together; {MOST_CELLS:.0e} at "
+            f"mesh: {len(stacks)} meshes of {cells:.3g} triangles together; {MOST_CELLS:.0e} at "
             "most"
         )
     # Cells of a real mesh are no equal triangles: how much longer its edges are the first says.
@@ -106,8 +110,21 @@ def _of_polygons(stack: Stack, solid: np.ndarray, length: float, width: float) -
     return twice / (length - np.sqrt(left))
 
 
+def _covering(stack: Stack, solid: np.ndarray, length: float, width: float) -> np.ndarray:
+    """The size, mm, at which edges cover a solid share.
+
+    Of an ideal cell with edges of the density r `(1 - width r / 2)^2` stays open.
+    """
+    twice = sum(
+        (LENGTH[kind] * width) ** 2 * slab.height
+        for kind, slab in zip(stack.kinds, stack.slabs, strict=True)
+    )
+    held = stack.height * solid
+    return (length + np.sqrt(np.maximum(length**2 - twice * held, 0.0))) / (2 * held)
+
+
 def _beside(
-    stack: Stack, solid: np.ndarray, x: Any, y: Any, width: float, window: float
+    stack: Stack, solid: np.ndarray, x: Any, y: Any, width: float, window: float, count: str
 ) -> np.ndarray:
     """The solid share that is left for edges beside a road along the walls.
 
@@ -117,31 +134,31 @@ def _beside(
     wall = stack.region.geometry.boundary
     shapely.prepare(wall)
     away = np.minimum(shapely.distance(wall, shapely.points(x, y)) / window, 1)
-    section = sum(section_area(width, slab.height) for slab in stack.slabs) / stack.height
+    section = sum(SECTIONS[count](width, slab.height) for slab in stack.slabs) / stack.height
     return np.maximum(solid - 2 * (1 - away) * section / window, solid / 2)
 
 
-def rim_of(part: Part, target: Target | None, width: float, *, flat: bool) -> Points:
+def rim_of(part: Part, target: Target | None, width: float, *, flat: bool, count: str) -> Points:
     """The roads along the walls, of a width, mm: whole, or those of polygons of a target."""
     places, volumes = [np.zeros((0, 3))], [np.zeros(0)]
     middles = np.full(len(part.slabs), part.height / 2) if flat else part.middles
     for slab, z in zip(part.slabs, middles, strict=True):
         wall = slab.region.inset(width / 2).boundary
-        section = float(section_area(width, slab.height))
+        section = float(SECTIONS[count](width, slab.height))
         for ring in shapely.get_parts(wall):
-            count = max(int(np.ceil(ring.length)), 3)
-            share = (np.arange(count) + 0.5) / count
+            many = max(int(np.ceil(ring.length)), 3)
+            share = (np.arange(many) + 0.5) / many
             at = shapely.line_interpolate_point(ring, share, normalized=True)
             xy = shapely.get_coordinates(at)
-            places.append(np.column_stack([xy, np.full(count, z)]))
+            places.append(np.column_stack([xy, np.full(many, z)]))
             if target is None:
-                volumes.append(np.full(count, section * ring.length / count))
+                volumes.append(np.full(many, section * ring.length / many))
                 continue
             solid = np.asarray(target.solid(xy[:, 0], xy[:, 1], z))
             # It is open by a width where an edge meets the wall: 2 / pi of their density.
             packed = 1 - width * slab.height * solid / section
             open_share = 2 / np.pi * (1 - np.sqrt(np.maximum(packed, 0.0)))
-            volumes.append(section * ring.length / count * (1 - open_share))
+            volumes.append(section * ring.length / many * (1 - open_share))
     return Points(np.concatenate(places), np.concatenate(volumes))
 
 

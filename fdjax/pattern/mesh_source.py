@@ -19,7 +19,7 @@ from fdjax.part.part import Part
 from fdjax.pattern.map_domain import Domain, domain_of
 from fdjax.pattern.mesh_sizes import LENGTH, Stack, mean_solid
 from fdjax.precision import require_float64
-from fdjax.road.bead import section_area
+from fdjax.road.bead import SECTIONS
 from fdjax.target.target import Target
 from fdjax.units import length
 
@@ -177,15 +177,18 @@ class Chart:
                 f"{folded.sum()} of {folded.size} triangles; take another map"
             )
 
-    def counts(self, stacks: list[Stack], target: Target, width: float) -> tuple[int, int]:
+    def counts(
+        self, stacks: list[Stack], target: Target, width: float, count: str
+    ) -> tuple[int, int]:
         """Quads along xi and along eta, about square, as fine as the mean of the target asks."""
+        section = SECTIONS[count]
         held = asked = 0.0
         for stack in stacks:
             # Two sides and a diagonal a quad; of the duals nodes as many as triangles have.
             asked += mean_solid(target, stack) * stack.height
             held += sum(
                 (LENGTH[kind] if kind != "triangles" else 2 + np.sqrt(2))
-                * section_area(width, slab.height)
+                * section(width, slab.height)
                 for kind, slab in zip(stack.kinds, stack.slabs, strict=True)
             )
         side = held / asked

@@ -18,7 +18,7 @@ from shapely import (
 )
 
 from fdjax.errors import InputError
-from fdjax.plan.segments import Segments
+from fdjax.plan.counted import Counted
 from fdjax.plan.toolpath import Build, Outline
 
 Floats = NDArray[np.float64]
@@ -65,8 +65,8 @@ class Measurement:
 
     - `x`, `y`: window edges, shapes (nx + 1,), (ny + 1,), mm.
     - `area`: of the outline inside each window, mean over the layers, shape (nx, ny), mm^2.
-    - `volume`: deposited in each window, shape (nx, ny), mm^3.
-    - `total_volume`: deposited in the whole build, mm^3.
+    - `volume`: deposited in each window, shape (nx, ny), mm^3, or covered, times the height.
+    - `total_volume`: of the whole build, mm^3, likewise.
     - `filled`: the layers' outlines, each once, with the layers that fill it.
     - `clips`: the windows clipped to each of these.
     """
@@ -123,6 +123,7 @@ def measure(
     window: float,
     shift: tuple[float, float] = (0.0, 0.0),
     outline: Outline | None = None,
+    count: str = "volume",
 ) -> Measurement:
     """Measure the solid share of a build in square windows of side `window`, mm.
 
@@ -136,6 +137,9 @@ def measure(
     moves them left and down by 1 less these shares of a window (0 to 1). Windows are clipped
     to the outline; those with less than half of their area inside are left out of the shares.
     `outline` stands in for the layers' own. Deposits outside the windows count in the mean alone.
+
+    With `count` "coverage" the area that roads cover, seen from above, times the layers' heights
+    stands in for the volume: what overlaps counts once, and a bead is as wide at all heights.
 
     Raises `InputError` without layers or outline, or where no window is half inside.
 
@@ -156,8 +160,8 @@ def measure(
     clips = tuple(_clipped(each.outline, x, y) for each in filled)
     heights = [each.height for each in filled]
     inside = np.average([clip.area for clip in clips], axis=0, weights=heights)
-    deposits = _deposits(build, x, y)
-    measurement = Measurement(x, y, inside, deposits, build.volume, filled, clips)
+    deposits, total = _deposits(build, x, y, count)
+    measurement = Measurement(x, y, inside, deposits, total, filled, clips)
     if not measurement.kept.any():
         raise InputError(f"window: none of {window:g} mm is half inside; ask for a smaller one")
     return measurement
@@ -201,30 +205,31 @@ def _clipped(outline: Outline, x: Floats, y: Floats) -> Clip:
     return Clip(left, np.where(left[..., None] > 0, bounds(windows), np.nan), cut)
 
 
-def _deposits(build: Build, x: Floats, y: Floats) -> Floats:
-    """Volume deposited in each window, shape (nx, ny)."""
+def _deposits(build: Build, x: Floats, y: Floats, count: str) -> tuple[Floats, float]:
+    """What counts in each window, shape (nx, ny), and in all, mm^3."""
     shape = (len(x) - 1, len(y) - 1)
     corner, side = np.array([[x[0]], [y[0]]]), x[1] - x[0]
-    total = np.zeros(shape)
+    total, whole = np.zeros(shape), 0.0
     for layer in build.layers:
-        segments = Segments.of(layer.roads)
-        volume = segments.areas(layer.height) * segments.length
+        pieces = Counted.of(layer, count)
+        volume = pieces.volume
+        whole += float(volume.sum())
         # In units of windows, so that edges are whole numbers.
         start, end = (
             _snapped((np.ascontiguousarray(xy.T) - corner) / side)
-            for xy in (segments.start, segments.end)
+            for xy in (pieces.start, pieces.end)
         )
         volume, middle = _split(start, end, volume)
         middle = _snapped(middle)
         i, j = np.floor(middle).astype(int)
         # The last edge of all has no window beyond it.
-        for index, place, count in zip((i, j), middle, shape, strict=True):
-            index -= (place == count) & (index == count)
+        for index, place, last in zip((i, j), middle, shape, strict=True):
+            index -= (place == last) & (index == last)
         inside = (i >= 0) & (i < shape[0]) & (j >= 0) & (j < shape[1])
         if not inside.all():
             i, j, volume = i[inside], j[inside], volume[inside]
         total += np.bincount(i * shape[1] + j, volume, total.size).reshape(shape)
-    return total
+    return total, whole
 
 
 def _snapped(u: Floats) -> Floats:

@@ -11,6 +11,7 @@ from fdjax.beside import Beside
 from fdjax.errors import InputError
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
+from fdjax.plan.counted import total
 from fdjax.plan.drawing import lay_drawing
 from fdjax.plan.laid import Laid
 from fdjax.plan.lines import lay_lines
@@ -36,6 +37,10 @@ LAYING: dict[type, Callable[..., Laid]] = {
 """How each kind of stroke is laid: its class and the function, which is called with the stroke and
 a `Room`, and by keyword `lift_length`, `longest_join`, `least_spacing`, `least_road`, `tolerance`,
 `start`."""
+
+
+_TRIMMED, _TRIMS = 1e-6, 40
+"""Share by which a trimmed build may cover more or less than asked, and trials until it does."""
 
 
 def lay(
@@ -134,16 +139,24 @@ def _layer(slab: Slab, laid: Laid, subdomains: tuple[Subdomain, ...]) -> Layer:
     return Layer(slab.z, slab.height, laid.roads, outline, thinned, subdomains)
 
 
-def trim(build: Build, volume: float) -> Build:
-    """The build with all roads' sections scaled alike, so that it deposits `volume` (mm^3).
+def trim(build: Build, volume: float, *, count: str = "volume") -> Build:
+    """The build with all roads' sections scaled alike, so that it deposits `volume` (mm^3), or
+    covers as much with `count` "coverage".
 
     What a plan puts at walls, corners and holes differs by some tenths of a per cent from what
-    design foresaw. Raises `InputError` for a build without roads.
+    design foresaw. Raises `InputError` for a build without roads, and for more than can be covered.
     """
     if not build.volume > 0:
         raise InputError("trim: the build has no roads to scale")
-    share = volume / build.volume
-    return _scaled(build, [np.full(len(layer.roads), share) for layer in build.layers])
+    # What roads cover is not quite in proportion to their sections.
+    for _ in range(1 if count == "volume" else _TRIMS):
+        share = volume / total(build, count)
+        if abs(share - 1) < _TRIMMED:
+            return build
+        build = _scaled(build, [np.full(len(layer.roads), share) for layer in build.layers])
+    if count != "volume" and abs(volume / total(build, count) - 1) > _TRIMMED:
+        raise InputError(f"trim: no width of the roads covers {volume:.4g} mm^3")
+    return build
 
 
 def trim_subdomains(build: Build, volumes: ArrayLike, *, most: float) -> Build:

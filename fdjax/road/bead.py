@@ -1,5 +1,6 @@
 """The cross-section of one road. Takes NumPy or JAX arrays alike and loads no JAX."""
 
+from collections.abc import Callable
 from typing import Any
 
 from fdjax.arrays import namespace
@@ -31,3 +32,13 @@ def road_width(area: Any, height: Any) -> Any:
     stadium = area / height + height * (1 - xp.pi / 4)
     circle = xp.sqrt(4 / xp.pi * xp.maximum(area, 1e-30))
     return xp.where(area >= xp.pi / 4 * height**2, stadium, circle)[()]
+
+
+def footprint(width: Any, height: Any) -> Any:
+    """What a road covers of a layer per length, times the layer's height, mm^2: a rectangle."""
+    return width * height
+
+
+SECTIONS: dict[str, Callable[[Any, Any], Any]] = {"volume": section_area, "coverage": footprint}
+"""What a solid share counts of a road, from its width and height: the volume that is laid, which
+counts twice where roads overlap, or what it covers seen from above, which counts once there."""

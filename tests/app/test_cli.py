@@ -95,6 +95,15 @@ def test_measure_with_shifted_windows_and_units(plate, capsys):
     assert (plate.parent / "p.pdf").read_bytes().startswith(b"%PDF")
 
 
+def test_measure_of_what_is_covered(plate, capsys):
+    arguments = ["measure", str(plate), "--target", "0.8", "--count", "coverage"]
+    assert main([*arguments, "--json", "m.json"]) == 0
+    assert "mean of the part, of what is covered from above" in capsys.readouterr().out
+    fact = json.loads((plate.parent / "m.json").read_text())
+    assert fact["mean_got"] == pytest.approx(1 - fact["coverage"], abs=1e-4)
+    assert fact["mean_got"] < 1 - SOLID - 0.01
+
+
 def test_measure_against_an_array_lies_over_the_outline(plate):
     np.save(plate.parent / "f.npy", np.array([[0.5, 0.5], [0.9, 0.9]]))
     assert main(["measure", str(plate), "--target", "f.npy", "--json", "m.json"]) == 0

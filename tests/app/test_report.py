@@ -5,6 +5,7 @@ import json
 import pytest
 
 from fdjax.app import config
+from fdjax.app.measuring import Question, answer
 from fdjax.app.run import design
 from fdjax.errors import DesignError
 
@@ -40,3 +41,30 @@ def test_of_many_faults_the_first_are_told_and_the_report_has_all(tmp_path):
         design(config.parse(tables, name="job"), tmp_path, progress=lambda text: None)
     assert "\n" not in str(caught.value)
     assert len(json.loads((tmp_path / "report.json").read_text())["faults"]) == 5
+
+
+def test_a_job_that_counts_coverage_says_it_and_the_volume(tmp_path):
+    tables = {
+        "files": ["gcode"],
+        "part": {"shape": "rectangle", "size": [20, 20], "layers": 2},
+        "target": {"solid": 0.35, "tolerance": 0.2},
+        "pattern": {"kind": "mesh", "count": "coverage", "phases": 2},
+        "design": {"controls": []},
+    }
+    said = design(config.parse(tables, name="job"), tmp_path, progress=lambda text: None)
+    assert "the same, by volume" in said
+    assert "what is open, seen from above" in said
+    facts = json.loads((tmp_path / "report.json").read_text())["files"]["job.gcode"]
+    assert facts["count"] == "coverage"
+    assert 1 - facts["mean_got"] == pytest.approx(facts["coverage"], rel=1e-3)
+    solid = facts["volume"] / (20 * 20 * 2 * 0.2)
+    assert 1 - facts["by_volume"]["mean_got"] == pytest.approx(solid, rel=1e-9)
+    assert facts["by_volume"]["mean_got"] > facts["mean_got"] + 0.005
+    target = {"target": "0.65"}
+    counted, plain = (
+        answer(tmp_path / "job.gcode", Question(**target, count=count)).facts()
+        for count in ("coverage", "volume")
+    )
+    for name in ("mean_got", "rms"):
+        assert counted[name] == pytest.approx(facts[name])
+        assert plain[name] == pytest.approx(facts["by_volume"][name])
