@@ -9,6 +9,9 @@ from jaxtyping import Array, Float
 
 Outline = shapely.Polygon | shapely.MultiPolygon
 
+_NONE = 1e-6
+"""So many steps are no way at all."""
+
 _BEYOND = 2.0
 """The lattice reaches so many of its steps beyond the box."""
 
@@ -43,16 +46,20 @@ class WallDistance(NamedTuple):
     def at(self, xy: Any, room: Any) -> Float[Array, " n"]:
         """Distance at places (n, 2), mm, from the walls of the room of each, shape (n,).
 
-        Bilinear between places; beyond the lattice it falls on.
+        Bilinear between places; beyond the lattice it is less than at its rim by the way to it.
         """
-        share = (xy - self.start) / self.step
         last = jnp.array(self.values.shape[1:]) - 2
+        share = (xy - self.start) / self.step
+        held = jnp.clip(share, 0, last + 1)
+        # Above 0, for a slope where the way is none.
+        beyond = self.step * (jnp.sqrt(((share - held) ** 2).sum(-1) + _NONE**2) - _NONE)
+        share = held
         cell = jnp.clip(jnp.floor(share), 0, last).astype(int)
         x, y = (share - cell).T
         i, j = cell.T
         low = (1 - x) * self.values[room, i, j] + x * self.values[room, i + 1, j]
         high = (1 - x) * self.values[room, i, j + 1] + x * self.values[room, i + 1, j + 1]
-        return (1 - y) * low + y * high
+        return (1 - y) * low + y * high - beyond
 
 
 def inside(start: Any, end: Any, before: Any, after: Any) -> tuple[Any, Any]:

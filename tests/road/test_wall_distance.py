@@ -54,3 +54,17 @@ def test_distances_can_be_differentiated():
     h = 1e-6
     slope = (value(xy + h * way) - value(xy - h * way)) / (2 * h)
     assert float((jax.grad(value)(xy) * way).sum()) == pytest.approx(float(slope), rel=1e-6)
+
+
+def test_far_beyond_a_corner_all_is_outside_and_ever_more_so():
+    room = shapely.box(0, 0, 40, 30)
+    walls = WallDistance.of([room], 0.3)
+    xy = np.stack(np.meshgrid(np.linspace(-8, 48, 57), np.linspace(-8, 38, 47)), -1).reshape(-1, 2)
+    got = np.asarray(walls.at(xy, 0))
+    away = shapely.distance(room, shapely.points(xy))
+    outside = away > 1
+    assert (got[outside] < -0.5).all()
+    # The way to the lattice's rim and on to the walls bends.
+    assert got[outside] == pytest.approx(-away[outside], rel=0.3)
+    slope = jax.grad(lambda xy: walls.at(xy, 0).sum())(jnp.asarray(xy))
+    assert np.isfinite(slope).all()
