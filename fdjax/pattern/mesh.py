@@ -27,6 +27,7 @@ from fdjax.pattern.mesh_sheets import Sheet, offsets, sheets_of, stacks_of
 from fdjax.pattern.mesh_sizes import Stack, fields_of, rim_of
 from fdjax.pattern.mesh_source import CHARTS, MESHES, Begun, Chart, of_given, of_quads
 from fdjax.pattern.mesh_wedges import wedges_of
+from fdjax.pattern.width import free_of
 from fdjax.road.bead import SECTIONS
 from fdjax.road.deposit import Points
 from fdjax.road.wall_distance import WallDistance
@@ -58,6 +59,12 @@ _KEPT = 0.9
 
 _CROSSED = 1e-9
 """Share of a side's length by which rounding may have a Voronoi edge turned over."""
+
+_ALIKE = 1e-9
+"""Layers whose heights differ by less, mm, are alike."""
+
+_SPARE = 0.01
+"""Share by which widths that are free keep from the machine's least and largest."""
 
 _NONE = Points(np.zeros((0, 3)), np.zeros(0))
 
@@ -115,7 +122,8 @@ class Mesh(AbstractSettings):
         shown="2, of Voronoi duals 8", table="design",
     )  # fmt: skip
     controls: tuple[str, ...] = key(
-        choices("nodes", least=0), "what the design may change: the meshes' nodes",
+        choices("nodes", "width", least=0), "what the design may change: the meshes' nodes, the "
+        "road width of each edge",
         default=["nodes"], table="design",
     )  # fmt: skip
 
@@ -136,6 +144,8 @@ class Mesh(AbstractSettings):
             raise InputError(f'count: "{self.count}" is not one of {", ".join(SECTIONS)}')
         if self.count == "coverage" and self.laid == "polygons":
             raise InputError("count: coverage is of edges; polygons meet in no nodes")
+        if self.width_is_free and self.laid == "polygons":
+            raise InputError('controls: "width" is of edges; polygons have one width')
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> MeshPattern:
         """Meshes as fine as the target asks, relaxed.
@@ -144,10 +154,12 @@ class Mesh(AbstractSettings):
         large or too many, and for a region with no room for a road; and for meshes that are given
         and do not lie in the part, or fold.
         """
-        flat = target.is_flat_over(part)
+        alike = np.ptp([slab.height for slab in part.slabs]) < _ALIKE
+        flat = target.is_flat_over(part) and bool(alike)
         phases = self.phases if self.mesh is None else len(self.mesh)
         sheets = list(sheets_of(part, CELLS[self.cells], phases, flat))
-        margin = self.road_width * (1.5 if self.walls else 0.5)
+        free, widths = self._widths(limits)
+        margin = (widths[1] if free else self.road_width) / 2 + self.walls * self.road_width
         rooms = {region: region.inset(margin) for region in part.regions}
         stacks = stacks_of(sheets)
         rim = _NONE
@@ -210,6 +222,9 @@ class Mesh(AbstractSettings):
             ),
             least_length=jnp.asarray(np.full(len(length), np.inf) if made else _KEPT * length),
             width=self.road_width,
+            free=jnp.full(len(length), free_of(self.road_width, *widths)) if free else None,
+            width_range=widths,
+            margin=margin,
             dual="voronoi" if dual == "voronoi" else "centre",
             sheets=ends,
             layers=len(part.slabs),
@@ -217,9 +232,21 @@ class Mesh(AbstractSettings):
             kind=self.cells,
             polygons=self.laid == "polygons",
             ringed=self.walls,
-            flips=made,
+            # The angles at nodes are those of the edges as they were joined.
+            flips=made and "nodes" in self.controls and self.count == "volume",
+            moving="nodes" in self.controls,
             notes=tuple(note for each in self.mesh or () for note in each.notes),
         )
+
+    def _widths(self, limits: Limits) -> tuple[bool, tuple[float, float]]:
+        """Whether edges have widths of their own, and their range, mm."""
+        low, high = limits.road_width
+        if not self.width_is_free:
+            return False, (low, high)
+        if not high < np.inf:
+            raise InputError('controls: "width" needs a machine with a range of road widths')
+        # Sections may still be trimmed until the mean is met.
+        return True, (low * (1 + _SPARE), high * (1 - _SPARE))
 
     def _begun(
         self,
@@ -267,10 +294,9 @@ class Mesh(AbstractSettings):
             laid = mesh.inner
             sides, cells = mesh.edges[laid] + node, mesh.beside[laid] + cell
             ends = sides if sheet.kind == "triangles" else nodes + cells[:, ::-1]
-            section = sum(
-                SECTIONS[self.count](self.road_width, slab.height) for slab in sheet.slabs
-            )
-            alike: tuple[Any, ...] = (places.index(sheet.slabs[0].region), sheet.z, section)
+            height = sum(slab.height for slab in sheet.slabs) / len(sheet.slabs)
+            alike: tuple[Any, ...] = (places.index(sheet.slabs[0].region), sheet.z, height)
+            alike = (*alike, float(len(sheet.slabs)))
             graph = (
                 mesh.xy
                 if sheet.kind == "triangles"
