@@ -3,7 +3,7 @@
 Triangulations whose cells are as large as the target asks, that are given, or drawn in a chart.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
 
@@ -13,18 +13,19 @@ import numpy as np
 import shapely
 
 from fdjax.errors import InputError
-from fdjax.keys import FLAG, choice, choices, key, pair, whole
+from fdjax.keys import FLAG, choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
 from fdjax.mesh.dual import centre_points, circumcentres
-from fdjax.mesh.given import DIAGONALS, Given
+from fdjax.mesh.front import ORDERS, Rules, advanced
+from fdjax.mesh.given import DIAGONALS, Given, fringed
 from fdjax.mesh.triangulation import Triangulation, relaxed
 from fdjax.part.part import Part
 from fdjax.part.region import Region
 from fdjax.pattern.base import AbstractSettings, road_width_key
 from fdjax.pattern.coarse import Lattice
-from fdjax.pattern.mesh_pattern import LEAST_ANGLE, Cells, Edges, MeshPattern, Pieces
-from fdjax.pattern.mesh_sheets import Sheet, offsets, sheets_of, stacks_of
-from fdjax.pattern.mesh_sizes import Stack, fields_of, rim_of
+from fdjax.pattern.mesh_pattern import LEAST_ANGLE, Cells, Edges, MeshPattern
+from fdjax.pattern.mesh_sheets import Sheet, corners_of, offsets, pieces_of, sheets_of, stacks_of
+from fdjax.pattern.mesh_sizes import Mesher, Stack, fields_of, rim_of
 from fdjax.pattern.mesh_source import CHARTS, MESHES, Begun, Chart, of_given, of_quads
 from fdjax.pattern.mesh_wedges import wedges_of
 from fdjax.pattern.width import free_of
@@ -112,6 +113,22 @@ class Mesh(AbstractSettings):
         "which counts beads that meet in nodes twice there, or of the area covered as seen from "
         "above, which counts it once; of edges", default="volume",
     )  # fmt: skip
+    method: str = key(
+        choice("delaunay", "front"), "how meshes are made for the target: nodes relaxed and "
+        "triangulated, or a front that advances from the walls, by the rules that follow",
+        default="delaunay",
+    )  # fmt: skip
+    front_order: str = key(
+        choice(*ORDERS), "front: the side that gets the next triangle", default="oldest"
+    )
+    front_height: float = key(
+        number(0.5, 1.5), "front: of new triangles, in those of equal sides", default=1.0
+    )
+    front_reuse: float = key(
+        number(0.5, 1.5), "front: cells around the place of a new node within which one of the "
+        "front is taken instead", default=0.75,
+    )  # fmt: skip
+    front_sweeps: int = key(whole(0, 100), "front: sweeps of smoothing afterwards", default=5)
     phases: int = key(
         whole(1, 100), "meshes that follow each other over the layers, where these are alike",
         default=5,
@@ -136,6 +153,12 @@ class Mesh(AbstractSettings):
             # Nodes of blunt triangles are held back; which these are is looked at anew each time.
             often = 8 if "voronoi" in CELLS[self.cells] else 2
             object.__setattr__(self, "corrections", often)
+        if self.method == "front" and (self.mesh is not None or self.through is not None):
+            raise InputError('method: "front" makes meshes; give no mesh and no map for them')
+        for each in fields(self):
+            changed = getattr(self, each.name) != each.default
+            if each.name.startswith("front_") and changed and self.method != "front":
+                raise InputError(f'{each.name}: it is a rule of method = "front"')
         if self.quads is not None and (self.mesh is not None or self.through is None):
             raise InputError("quads: they are of a map; give through, and no mesh")
         if self.walls and self.laid == "polygons":
@@ -197,7 +220,7 @@ class Mesh(AbstractSettings):
         if dual == "voronoi":
             _check_delaunay(nodes, graph, edges, shapely.union_all(list(rooms.values())))
         length = np.hypot(*np.diff(graph[edges.nodes], axis=1)[:, 0].T)
-        made = self.mesh is None and self.through is None
+        made = self.mesh is None and self.through is None and self.method == "delaunay"
         angles = np.concatenate([mesh.angles.min(1) for mesh in meshes])
         walls = WallDistance.of(list(rooms.values()), window / _WALL_STEPS)
         return MeshPattern(
@@ -209,7 +232,7 @@ class Mesh(AbstractSettings):
             wedges=None
             if self.count == "volume"
             else jax.tree.map(jnp.asarray, wedges_of(sheets, meshes, len(nodes), places)),
-            pieces=jax.tree.map(jnp.asarray, _pieces(length, window / _PIECES)),
+            pieces=jax.tree.map(jnp.asarray, pieces_of(length, window / _PIECES)),
             triangles=jax.tree.map(jnp.asarray, triangles),
             walls=jax.tree.map(jnp.asarray, walls),
             coarse=tuple(
@@ -266,7 +289,7 @@ class Mesh(AbstractSettings):
             some = of_quads(chart, counts, self.diagonal, len(stacks))
         else:
             polygons = self.laid == "polygons"
-            fields = fields_of(
+            sizes = fields_of(
                 stacks,
                 target,
                 self.road_width,
@@ -275,12 +298,20 @@ class Mesh(AbstractSettings):
                 polygons=polygons,
                 window=window,
                 count=self.count,
+                mesher=self._mesher(),
             )
-            meshes = [relaxed(field, k * _GOLDEN % 1) for k, field in enumerate(fields)]
-            some = [
-                Begun(mesh, field.at(mesh.xy)) for mesh, field in zip(meshes, fields, strict=True)
-            ]
+            some = []
+            for k, (field, stack) in enumerate(zip(sizes, stacks, strict=True)):
+                mesh = self._mesher()(stack.region.geometry, field, k * _GOLDEN % 1)
+                mesh = mesh if self.method == "delaunay" else fringed(mesh)
+                some.append(Begun(mesh, field.at(mesh.xy)))
         return [some[k % len(some)] for k in range(len(stacks))]
+
+    def _mesher(self) -> Mesher:
+        if self.method == "delaunay":
+            return lambda region, field, phase: relaxed(field, phase)
+        rules = Rules(self.front_order, self.front_height, self.front_reuse, self.front_sweeps)
+        return lambda region, field, phase: advanced(region, field, rules, phase)
 
     def _edges(
         self, sheets: list[Sheet], meshes: list[Triangulation], nodes: int, places: list[Region]
@@ -303,7 +334,7 @@ class Mesh(AbstractSettings):
                 else POINTS[sheet.kind](mesh.xy, mesh.triangles)
             )
             own = mesh.edges[laid] if sheet.kind == "triangles" else mesh.beside[laid]
-            alike = (*alike, _corners(graph, own))
+            alike = (*alike, corners_of(graph, own))
             pieces.append((ends, cells, sides, *(np.full(len(ends), each) for each in alike)))
         bounds = offsets([len(piece[0]) for piece in pieces])
         return (
@@ -350,32 +381,3 @@ def _trimmed(begun: Begun, room: shapely.Geometry) -> Begun:
     shapely.prepare(room)
     near = shapely.distance(room, shapely.points(middle)) <= size[mesh.triangles].mean(1)
     return Begun(mesh.part(near), size[np.unique(mesh.triangles[near])])
-
-
-def _corners(xy: np.ndarray, edges: np.ndarray) -> float:
-    """Road widths by which the two roads beside an edge are shorter than it, together, in the mean.
-
-    In an angle t between two edges the road half a width inside loses cot(t / 2) widths.
-    """
-    ends = np.concatenate([edges, edges[:, ::-1]])
-    along = xy[ends[:, 1]] - xy[ends[:, 0]]
-    angle = np.arctan2(along[:, 1], along[:, 0])
-    order = np.lexsort((angle, ends[:, 0]))
-    node, angle = ends[order, 0], angle[order]
-    degree = np.bincount(node, minlength=len(xy))
-    first = np.cumsum(degree) - degree
-    following = np.arange(len(node)) + 1
-    last = following == (first + degree)[node]
-    following[last] = first[node[last]]
-    turn = (angle[following] - angle) % (2 * np.pi)
-    # Nodes at the rim of a mesh have faces on one side only.
-    whole = (degree[node] > 2) & (turn > 0) & (turn < np.pi)
-    return float((1 / np.tan(turn[whole] / 2)).sum() / whole.sum() * 2)
-
-
-def _pieces(length: np.ndarray, longest: float) -> Pieces:
-    """Equal parts of edges of these lengths, none longer than this, mm."""
-    count = np.maximum(np.ceil(length / longest), 1).astype(int)
-    edge = np.repeat(np.arange(len(count)), count)
-    number = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    return Pieces(edge, number / count[edge], (number + 1) / count[edge])

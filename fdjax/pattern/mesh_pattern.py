@@ -20,6 +20,7 @@ from fdjax.mesh.flips import Joined, flipped
 from fdjax.mesh.triangulation import Triangulation
 from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.coarse import Lattice
+from fdjax.pattern.mesh_sheets import Pieces
 from fdjax.pattern.mesh_wedges import Wedges, excess
 from fdjax.pattern.width import within
 from fdjax.road.bead import SECTIONS
@@ -81,17 +82,6 @@ class Edges(NamedTuple):
     height: Any
     layers: Any
     corners: Any
-
-
-class Pieces(NamedTuple):
-    """Parts of edges, short beside a window: their edge, and where they start and end on it.
-
-    Shape (q,) each, the places as shares of the edge.
-    """
-
-    edge: Any
-    start: Any
-    end: Any
 
 
 class Cells(NamedTuple):

@@ -4,14 +4,15 @@ The length of edges an area is 2 sqrt(3) / a of triangles with side a, and 2 / a
 honeycomb.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 
 from fdjax.errors import InputError
-from fdjax.mesh.size import MOST_CELLS, SizeField
-from fdjax.mesh.triangulation import relaxed
+from fdjax.mesh.size import MOST_CELLS, Outline, SizeField
+from fdjax.mesh.triangulation import Triangulation
 from fdjax.part.part import Part, Slab
 from fdjax.part.region import Region
 from fdjax.road.bead import SECTIONS, section_area
@@ -20,6 +21,10 @@ from fdjax.target.target import Target
 
 LENGTH = {"triangles": 2 * np.sqrt(3), "centre": 2.0, "voronoi": 2.0}
 """Length of edges an area, times the distance of the triangulation's nodes, of the ideal mesh."""
+
+
+Mesher = Callable[[Outline, SizeField, float], Triangulation]
+"""What makes a triangulation of a region, or of more, from a size field and a phase, 0 to 1."""
 
 
 class Stack(NamedTuple):
@@ -48,6 +53,7 @@ def fields_of(
     polygons: bool,
     window: float,
     count: str,
+    mesher: Mesher,
 ) -> list[SizeField]:
     """The size of the cells of each mesh, mm, for roads of a width, mm, of which `count` counts."""
     section = SECTIONS[count]
@@ -84,8 +90,8 @@ def fields_of(
         )
     # Cells of a real mesh are no equal triangles: how much longer its edges are the first says.
     region, field = stacks[0].region, fields[0]
-    mesh = relaxed(field)
-    lines = shapely.linestrings(mesh.xy[mesh.edges])
+    mesh = mesher(region.geometry, field, 0.0)
+    lines = shapely.linestrings(mesh.xy[mesh.edges[mesh.inner]])
     got = shapely.length(shapely.intersection(lines, region.geometry)).sum()
     ideal = field.integral(LENGTH["triangles"] / field.size, region.geometry)
     return [SizeField(each.x, each.y, each.size * got / ideal) for each in fields]
