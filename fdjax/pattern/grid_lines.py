@@ -68,6 +68,7 @@ class GridLines(AbstractPattern):
       one ends where they come nearer than this, mm; else None.
     - `spiral`: whether a closed map's xi lines are one spiral on each layer.
     - `embedded`: zones in which a map with four sides has finer lines between its own.
+    - `notes`: what was found of the map as it was made.
     """
 
     sides: Sides
@@ -96,6 +97,7 @@ class GridLines(AbstractPattern):
     apart: float | None = None
     spiral: bool = eqx.field(static=True, default=False)
     embedded: Embedded = eqx.field(static=True, default=Embedded(()))
+    notes: tuple[str, ...] = eqx.field(static=True, default=())
 
     def __check_init__(self) -> None:
         if self.kind not in MAPS:
@@ -281,6 +283,7 @@ class GridLines(AbstractPattern):
             "phases": self.stacking.phases,
             "grid": {name: float(value) for name, value in measures._asdict().items()},
             **({"embedded": self.embedded.facts} if self.embedded.zones else {}),
+            **({"warnings": list(self.notes)} if self.notes else {}),
         }
 
 

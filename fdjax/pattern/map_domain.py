@@ -8,8 +8,8 @@ import numpy as np
 from shapely import Point, Polygon
 
 from fdjax.errors import InputError
+from fdjax.grid import conformal, conformal_ring
 from fdjax.grid.base import AbstractGridMap, Sides
-from fdjax.grid.conformal import chart
 from fdjax.grid.polar import Polar
 from fdjax.part.annulus import ROUND, Annulus, Circle, between_circles
 from fdjax.part.part import Part
@@ -18,7 +18,7 @@ from fdjax.pattern.maps import CLOSED
 from fdjax.target.target import Target
 
 VERTICES = 64
-"""Most vertices of an outline that is mapped conformally."""
+"""Most vertices of an outline that is mapped conformally, those of a hole with them."""
 
 CONFORMAL = 1e-6
 """By what share of its size a conformal map may miss its vertices."""
@@ -30,7 +30,7 @@ class Domain:
 
     - `sides`: on a ring `left` and `right` are closed, `bottom` and `top` both the cut.
     - `cut_out`: a polygon whose holes are cut out of the lines.
-    - `closed`, `disc`, `base`: as of `GridLines`.
+    - `closed`, `disc`, `base`, `notes`: as of `GridLines`.
     """
 
     sides: Sides
@@ -38,6 +38,7 @@ class Domain:
     closed: bool = False
     disc: bool = False
     base: AbstractGridMap | None = None
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def lengths(self) -> tuple[float, float]:
@@ -57,6 +58,8 @@ def domain_of(kind: str, part: Part, target: Target, road_width: float) -> Domai
     if kind == "polar":
         return _polar(polygon, road_width)
     annulus = Annulus.of(polygon, f'map "{kind}"')
+    if kind == "o-conformal":
+        return _conformal_ring(polygon)
     return Domain(_sides_of(annulus), Polygon(polygon.exterior), closed=True)
 
 
@@ -87,13 +90,35 @@ def _conformal(patch: Patch) -> Domain:
             f'{VERTICES}: give fewer, or use map "elliptic"'
         )
     first = np.cumsum([0, *map(len, runs)]).tolist()
-    base, error = chart(vertices, (first[0], first[1], first[2], first[3]))
+    base, error = conformal.chart(vertices, (first[0], first[1], first[2], first[3]))
     if not error < CONFORMAL:
         raise InputError(
             f"part: the conformal map of its outline is wrong by {error:.1g} of its size: it is "
             'too long or too thin for one; use map "elliptic" or pattern kind "isolines"'
         )
     return Domain(base.sides, patch.outline, base=base)
+
+
+def _conformal_ring(polygon: Polygon) -> Domain:
+    """The conformal map of a polygon with one hole, its parameter problem solved."""
+    outer, inner = (
+        np.asarray((ring if ring.is_ccw else ring.reverse()).coords)[:-1, :2]
+        for ring in (polygon.exterior, polygon.interiors[0])
+    )
+    base, error, off = conformal_ring.chart(outer, inner, VERTICES)
+    if not error < CONFORMAL:
+        raise InputError(
+            f"part: the conformal map of its ring is wrong by {error:.1g} of its size: it is "
+            'too thin or too long for one; use map "o-elliptic" or pattern kind "isolines"'
+        )
+    notes = ()
+    if off > 0:
+        count = len(outer) + len(inner)
+        notes = (
+            f"conformal is the map of polygons with {VERTICES} of the {count} vertices, at most, "
+            f"up to {off:.2g} mm off the walls; it is bent to these",
+        )
+    return Domain(base.sides, Polygon(polygon.exterior), closed=True, base=base, notes=notes)
 
 
 def _polar(polygon: Polygon, width: float) -> Domain:

@@ -47,6 +47,7 @@ _MAP_CONTROLS = {
     "conformal": ("spacing", "spacing_field"),
     "o-transfinite": ("spacing", "spacing_field"),
     "o-elliptic": ("spacing", "spacing_field", "phi", "psi"),
+    "o-conformal": ("spacing", "spacing_field"),
 }
 
 ALONG_AXES = ("uniform", "conformal", *CLOSED)
@@ -269,6 +270,7 @@ class MapLines(AbstractSettings):
             base=domain.base,
             apart=apart,
             spiral=self.spiral,
+            notes=domain.notes,
         )
         pattern = solved_once(pattern)
         # No more skewed than the grid that the outline itself gives.

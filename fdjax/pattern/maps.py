@@ -169,10 +169,11 @@ MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
     "conformal": _of_base,
     "o-transfinite": _o_transfinite,
     "o-elliptic": _elliptic,
+    "o-conformal": _of_base,
 }
 """The grid maps by name: a new one is one function here."""
 
-NEED_BASE = ("polar", "conformal")
+NEED_BASE = ("polar", "conformal", "o-conformal")
 """Those that are given, and do not follow from four sides."""
 
 
@@ -194,5 +195,5 @@ def _solved(pattern: GridLines) -> tuple[AbstractGridMap, Report]:
     return elliptic(pattern, pattern.first).map()
 
 
-CLOSED = ("polar", "o-transfinite", "o-elliptic")
+CLOSED = ("polar", "o-transfinite", "o-elliptic", "o-conformal")
 """Those that are rings along eta: lines of constant xi are closed, and go around a hole."""

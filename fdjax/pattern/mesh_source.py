@@ -222,6 +222,7 @@ CHARTS: dict[str, Callable[[Domain], AbstractGridMap]] = {
     "transfinite": lambda domain: Transfinite(domain.sides),
     "conformal": _based,
     "polar": _based,
+    "o-conformal": _based,
     "o-transfinite": lambda domain: Transfinite(domain.sides),
 }
 """Maps that meshes are drawn through, by name."""

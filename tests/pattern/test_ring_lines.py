@@ -110,6 +110,14 @@ def test_the_share_kept_is_that_of_the_lines_that_end():
         ("polar", box(0, 0, 40, 30), "its outline is no circle"),
         ("polar", Polygon(RING.exterior, [circle((6, 3), 8).exterior]), "its hole is no circle"),
         ("o-elliptic", box(0, 0, 40, 30), "has 0 holes"),
+        (
+            "o-conformal",
+            Polygon(
+                box(0, 0, 40, 30).exterior,
+                [circle((9, 9), 3).exterior, circle((29, 9), 3).exterior],
+            ),
+            "has 2 holes",
+        ),
         ("conformal", circle((0, 0), 20), "at most 64"),
     ],
 )
