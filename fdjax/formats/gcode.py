@@ -92,6 +92,10 @@ def write(build: Build, machine: Machine) -> str:
         flow=repr(tables.extrusion.flow),
     )
     out = [*header.lines(";", facts), hosts.head()]
+    selects = any(line.split()[:1] == ["T{first_tool}"] for line in tables.start)
+    if tables.tools > 1 and not selects:
+        # Since the print before any may be in use, and what is heated is the one in use.
+        out.append(f"T{first}")
     out += fill(tables.start, values)
     out += ["G90", "M83", "; fdjax prime begin", *fill(tables.prime, values), "; fdjax prime end"]
     out += ["M83" if tables.relative_e else "M82", "G92 E0"]

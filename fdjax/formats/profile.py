@@ -338,12 +338,6 @@ def _check_tools(gcode: Gcode, where: str) -> None:
     count = len(gcode.tool)
     if count not in (0, gcode.tools):
         raise InputError(f"{where}: gcode.tool: {count} tables for {gcode.tools} tools; one each")
-    begins = any(line.split()[:1] == ["T{first_tool}"] for line in gcode.start)
-    if gcode.tools > 1 and not begins:
-        raise InputError(
-            f"{where}: gcode.start: lacks T{{first_tool}}; any of {gcode.tools} tools may be in "
-            "use since the print before"
-        )
     for number, tool in enumerate(gcode.tool):
         if gcode.one_nozzle and tool.standby:
             raise InputError(

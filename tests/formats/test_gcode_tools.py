@@ -220,7 +220,6 @@ def test_tables_of_tools_are_as_many_as_these(tmp_path):
 @pytest.mark.parametrize(
     ("was", "new", "words"),
     [
-        ('"T{first_tool}",', "", r"lacks T\{first_tool\}; any of 2 tools"),
         ("tools = 2", "tools = 2\none_nozzle = true", r"gcode\.tool\[0\]\.standby: 170 C, but all"),
         ("purge = 15", "purge = -1", r"gcode\.tower\.purge: -1 is absurd"),
     ],
@@ -232,3 +231,16 @@ def test_what_tools_cannot_be_is_refused(tmp_path, was, new, words):
     path.write_text(text.replace(was, new))
     with pytest.raises(InputError, match=words):
         profile.load(path)
+
+
+def test_a_start_that_selects_no_tool_is_preceded_by_the_first(tmp_path):
+    text = (profile._FOLDER / "marlin-0.4-dual.toml").read_text()
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace('"T{first_tool}",', ""))
+    road = Road([(0, 0), (20, 0)], 0.4, material=1)
+    lines = gcode.write(Build((Layer(0.2, 0.2, (road,)),)), profile.load(path)).splitlines()
+    code = [line for line in lines if not line.startswith(";")]
+    assert code[0] == "T1"
+    assert code.count("T1") == 1
+    [again] = gcode.read("\n".join(lines)).layers[0].roads
+    assert again.material == 1

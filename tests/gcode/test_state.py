@@ -29,15 +29,19 @@ def after(*lines, **start):
     return state, [move for line in lines for move in state.run(line)]
 
 
-def deposited(moves):
-    """Volume along XY moves, what was pulled back being owed first, mm^3."""
-    owed, volume = 0.0, 0.0
-    for move in moves:
-        owed -= move.volume
-        if owed < 0:
-            volume -= owed if move.start != move.end else 0.0
-            owed = 0.0
-    return volume
+def deposited(program):
+    """Volume along XY moves, what a tool's was pulled back being owed first, mm^3; None where
+    nothing is pushed forward.
+    """
+    state, owed, volume, pushed = program.state(), {}, 0.0, False
+    for command in program.commands():
+        for move in state.run(command.text):
+            pushed = pushed or move.volume > 0
+            own = owed.get(state.tool, 0.0) - move.volume
+            if own < 0 and move.start != move.end:
+                volume -= own
+            owed[state.tool] = max(own, 0.0)
+    return volume if pushed else None
 
 
 def volume_of(build):
@@ -175,10 +179,8 @@ def test_deposits_what_a_file_holds(tmp_path, relative):
     machine = dataclasses.replace(BARE, gcode=dataclasses.replace(BARE.gcode, relative_e=relative))
     path = tmp_path / "part.gcode"
     write_file(small_build(materials=2), path, machine)
-    program = Program(path, machine)
-    state = program.state()
-    moves = [move for command in program.commands() for move in state.run(command.text)]
-    assert deposited(moves) == pytest.approx(volume_of(read_file(path)), rel=1e-9)
+    laid = deposited(Program(path, machine))
+    assert laid == pytest.approx(volume_of(read_file(path)), rel=1e-9)
 
 
 @settings(max_examples=30, deadline=None)
@@ -186,11 +188,10 @@ def test_deposits_what_a_file_holds(tmp_path, relative):
 def test_deposits_what_any_file_holds(build, data, tmp_path_factory):
     path = tmp_path_factory.mktemp("any") / "part.gcode"
     path.write_text(gcode.write(build, BARE))
-    program = Program(path, BARE)
-    state = program.state()
-    moves = [move for command in program.commands() for move in state.run(command.text)]
-    held = gcode.read(path.read_text(), machine=BARE) if any(m.volume > 0 for m in moves) else None
-    assert deposited(moves) == pytest.approx(volume_of(held) if held else 0, rel=1e-9)
+    laid = deposited(Program(path, BARE))
+    if laid is not None:
+        held = gcode.read(path.read_text(), machine=BARE)
+        assert laid == pytest.approx(volume_of(held), rel=1e-9)
 
 
 @pytest.mark.parametrize(
