@@ -99,7 +99,7 @@ class Materials:
         ):  # fmt: skip
             default = next(f.default for f in fields(self) if f.name == name)
             if getattr(self, name) != default and given[0] not in ways:
-                raise InputError(f"{name} is for {' or '.join(f'{way}' for way in ways)}")
+                raise InputError(f"{name} is for {' or '.join(ways)}")
         if self.levels and list(self.levels) != sorted(set(self.levels)):
             raise InputError(f"levels: {show(self.levels)}; each must be above the one before")
         if self.share and sum(self.share) > 1 + 1e-9:

@@ -141,6 +141,7 @@ class _Plotter:
             raise InputError(f"unknown command {name} in {command[:30]!r}")
 
     def _act(self, command: str, *, acts: bool = True) -> None:
+        """Note a command, and count it where it is an action of a path."""
         self._last.append(command)
         if acts and self._path is not None:
             self._actions += 1

@@ -146,12 +146,13 @@ def road_width_key() -> Any:
     return key(LENGTH, "road width, or where the design starts", default="0.4mm")
 
 
-def corrections_key(often: int) -> Any:
-    """The key `corrections`, likewise."""
+def corrections_key(often: int | None, shown: str | None = None) -> Any:
+    """The key `corrections`, likewise; `shown` as the default where that is None."""
     return key(
         whole(0, 10),
         "times that what the plan lays beside the model is made up for",
         default=often,
+        shown=shown,
         table="design",
     )
 

@@ -21,7 +21,7 @@ from fdjax.mesh.given import DIAGONALS, Given, fringed
 from fdjax.mesh.triangulation import Triangulation, relaxed
 from fdjax.part.part import Part
 from fdjax.part.region import Region
-from fdjax.pattern.base import AbstractSettings, road_width_key
+from fdjax.pattern.base import AbstractSettings, corrections_key, road_width_key
 from fdjax.pattern.coarse import Lattice
 from fdjax.pattern.mesh_pattern import LEAST_ANGLE, Cells, Edges, MeshPattern
 from fdjax.pattern.mesh_sheets import Sheet, corners_of, offsets, pieces_of, sheets_of, stacks_of
@@ -134,10 +134,9 @@ class Mesh(AbstractSettings):
         default=5,
     )  # fmt: skip
     road_width: float = road_width_key()
-    corrections: int | None = key(  # pyright: ignore[reportIncompatibleVariableOverride]
-        whole(0, 10), "times that what the plan lays beside the model is made up for", default=None,
-        shown="2, of Voronoi duals 8", table="design",
-    )  # fmt: skip
+    corrections: int | None = corrections_key(  # pyright: ignore[reportIncompatibleVariableOverride]
+        None, shown="2, of Voronoi duals 8"
+    )
     controls: tuple[str, ...] = key(
         choices("nodes", "width", least=0), "what the design may change: the meshes' nodes, the "
         "road width of each edge",
