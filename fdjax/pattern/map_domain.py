@@ -8,7 +8,7 @@ import numpy as np
 from shapely import Point, Polygon
 
 from fdjax.errors import InputError
-from fdjax.grid import conformal, conformal_ring
+from fdjax.grid import conformal, ring_chart
 from fdjax.grid.base import AbstractGridMap, Sides
 from fdjax.grid.polar import Polar
 from fdjax.part.annulus import ROUND, Annulus, Circle, between_circles
@@ -105,7 +105,7 @@ def _conformal_ring(polygon: Polygon) -> Domain:
         np.asarray((ring if ring.is_ccw else ring.reverse()).coords)[:-1, :2]
         for ring in (polygon.exterior, polygon.interiors[0])
     )
-    base, error, off = conformal_ring.chart(outer, inner, VERTICES)
+    base, error, off = ring_chart.chart(outer, inner, VERTICES)
     if not error < CONFORMAL:
         raise InputError(
             f"part: the conformal map of its ring is wrong by {error:.1g} of its size: it is "

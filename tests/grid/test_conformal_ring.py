@@ -7,7 +7,7 @@ import pytest
 from grid_samples import evaluate
 from shapely import Point, Polygon
 
-from fdjax.grid import conformal, conformal_ring
+from fdjax.grid import conformal, conformal_ring, ring_chart
 from fdjax.grid.base import tangents
 
 OUTLINE = np.array([(0, 0), (4, 0), (4, 4), (0, 4)], float)
@@ -70,7 +70,7 @@ def test_slopes_are_those_of_central_differences():
 
 
 def test_lines_of_a_chart_cross_squarely_and_close():
-    grid, error, off = conformal_ring.chart(10 * BENT, 10 * HOLE, 64)
+    grid, error, off = ring_chart.chart(10 * BENT, 10 * HOLE, 64)
     assert error < 1e-10
     assert off == 0
     # Near corners of the walls the splines follow the map less well.
@@ -88,7 +88,7 @@ def test_lines_of_a_chart_cross_squarely_and_close():
 def test_a_wall_of_many_points_is_kept_though_fewer_are_mapped():
     angle = 2 * np.pi * np.arange(96) / 96
     circle = np.array([20, 20]) + 9 * np.stack([np.cos(angle), np.sin(angle)], 1)
-    grid, error, off = conformal_ring.chart(10 * OUTLINE, circle, 20)
+    grid, error, off = ring_chart.chart(10 * OUTLINE, circle, 20)
     assert error < 1e-9
     assert 0 < off < 0.3
     points = np.asarray(evaluate(grid, jnp.zeros(97), jnp.linspace(0, 1, 97)))
