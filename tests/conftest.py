@@ -10,6 +10,8 @@ import jax
 import pytest
 from jax.experimental.compilation_cache import compilation_cache
 
+from fdjax import programs
+
 jax.config.update("jax_enable_x64", True)
 
 # Scripts that are run by hand: they take minutes, and one of them needs SciPy.
@@ -25,8 +27,11 @@ compiles takes some, and with all tests in one process its compiler was seen to 
 
 @pytest.fixture(scope="module", autouse=True)
 def room_for_programs():
-    """Compiled programs are forgotten between modules where there are very many."""
+    """Programs are not kept from module to module, and those that JAX compiled are forgotten where
+    there are very many.
+    """
     yield
+    programs.keep(None)
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > MAPPINGS:
         jax.clear_caches()

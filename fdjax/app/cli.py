@@ -196,12 +196,16 @@ def _prepare_jax() -> None:
 
     jax.config.update("jax_enable_x64", True)
     # JAX adds its options to `config` as it runs.
-    known = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
-    if known is None:
+    folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue]
+    if folder is None:
         cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-        jax.config.update("jax_compilation_cache_dir", os.path.join(cache, "fdjax", "jax"))
+        folder = os.path.join(cache, "fdjax", "jax")
+        jax.config.update("jax_compilation_cache_dir", folder)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    from fdjax import programs
+
+    programs.keep(Path(folder) / "programs")
 
 
 class _Version(argparse.Action):

@@ -17,6 +17,7 @@ from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractPattern, AbstractSettings
 from fdjax.pattern.isolines import Isolines
 from fdjax.precision import require_float64
+from fdjax.programs import program
 from fdjax.road.deposit import Points
 from fdjax.road.stroke import Stroke
 from fdjax.road.window import SoftWindows
@@ -190,7 +191,9 @@ def design(
     stages = [None] if objective == "cells" else stages
     steps, seconds, outcome, problem = 0, 0.0, None, None
     for stage in stages:
-        problem = Objective(now, stage, target, limits, smoothness, terms=tuple(terms))
+        # A target that is no part of the program needs none of its own.
+        cells = target if stage is None else None
+        problem = Objective(now, stage, cells, limits, smoothness, terms=tuple(terms))
         budget = iterations
         if len(stages) > 1:
             most = STEPS[False] if iterations is None else iterations
@@ -263,7 +266,7 @@ def _finished(
     )
 
 
-@eqx.filter_jit
+@program
 def _survey(pattern: AbstractPattern, limits: Limits) -> tuple[Any, dict[str, Any], Any]:
     """At its own controls: whether it could be made, by how much limits of each kind are broken
     and at what share of the places they are reached, and least and largest road width (mm).
@@ -276,12 +279,12 @@ def _survey(pattern: AbstractPattern, limits: Limits) -> tuple[Any, dict[str, An
     return realised.made, excess, pattern.widths(realised)
 
 
-@eqx.filter_jit
+@program
 def _volume(pattern: AbstractPattern) -> Any:
     return pattern.deposit(pattern.realise(pattern.controls())).volume.sum()
 
 
-@eqx.filter_jit
+@program
 def _modelled(pattern: AbstractPattern, windows: SoftWindows) -> tuple[Any, Any]:
     """The deposit of a pattern at its own controls, in each window and as a whole, mm^3."""
     deposit = pattern.deposit(pattern.realise(pattern.controls()))

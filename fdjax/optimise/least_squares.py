@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
-import optimistix as optx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from fdjax.optimise.objective import Objective
 from fdjax.precision import require_float64
+from fdjax.programs import program
 
 FEW = 300
 """More controls than this are many."""
@@ -61,15 +60,16 @@ class Outcome(NamedTuple):
 
 
 class _Problem(eqx.Module):
-    """An objective over free numbers: controls, or scaled steps from those at `origin`."""
+    """An objective over free numbers: controls as those at `origin` or, of many, scaled steps from
+    there.
+    """
 
     objective: Objective
     origin: Any
-    unravel: Callable[[Array], Any] = eqx.field(static=True)
     many: bool = eqx.field(static=True)
 
     def controls(self, free: Array) -> Any:
-        given = self.unravel(free)
+        given = ravel_pytree(self.origin)[1](free)
         if not self.many:
             return given
         step = self.objective.pattern.scale(given)
@@ -146,26 +146,23 @@ _DIRECTIONS = 30
 _FIRST_STEP = 1e-2
 """The first damping is one over this: a full step from straight lines is never accepted."""
 
-_WAYS = {
-    False: (_few, optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)),
-    True: (
-        _many,
-        optx.LevenbergMarquardt(
-            rtol=1e-4,
-            atol=1e-4,
-            # As many steps as given: a tolerance would be asked of each number by itself.
-            linear_solver=lx.Normal(
-                lx.CG(rtol=0.0, atol=0.0, max_steps=_DIRECTIONS, stabilise_every=None)
-            ),
-        ),
-    ),
-}
-"""Residuals and solver, for few controls and for many."""
+
+def _way(many: bool) -> tuple[Callable[..., Any], Any]:
+    """Residuals and solver, for few controls and for many."""
+    # Loaded only where a step is traced: a program that was kept needs neither.
+    import lineax as lx
+    import optimistix as optx
+
+    if not many:
+        return _few, optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4)
+    # As many steps as given: a tolerance would be asked of each number by itself.
+    steps = lx.CG(rtol=0.0, atol=0.0, max_steps=_DIRECTIONS, stabilise_every=None)
+    return _many, optx.LevenbergMarquardt(rtol=1e-4, atol=1e-4, linear_solver=lx.Normal(steps))
 
 
-@eqx.filter_jit
-def _start(free: Array, problem: _Problem) -> Any:
-    function, solver = _WAYS[problem.many]
+def _begun(free: Array, problem: _Problem) -> Any:
+    """The solver's state before the first step."""
+    function, solver = _way(problem.many)
     residuals, sizes = eqx.filter_eval_shape(function, free, problem)
     state = solver.init(function, free, problem, {}, residuals, sizes, frozenset())
     if problem.many:
@@ -174,20 +171,33 @@ def _start(free: Array, problem: _Problem) -> Any:
     return state
 
 
-@eqx.filter_jit
-def _step(free: Array, problem: _Problem, state: Any) -> tuple[Array, Any, Any]:
-    function, solver = _WAYS[problem.many]
+@program
+def _start(free: Array, problem: _Problem) -> list[Array]:
+    """The numbers of the solver's state: what else belongs to it is known only as it is traced."""
+    return jax.tree.leaves(eqx.filter(_begun(free, problem), eqx.is_array))
+
+
+@program
+def _step(
+    free: Array, problem: _Problem, numbers: list[Array]
+) -> tuple[Array, list[Array], Array, Array]:
+    """One evaluation: where to look next, the state there, sizes here, whether all is done."""
+    function, solver = _way(problem.many)
+    leaves, structure = jax.tree.flatten(eqx.filter_eval_shape(_begun, free, problem))
+    rest = iter(numbers)
+    known = [next(rest) if isinstance(each, jax.ShapeDtypeStruct) else each for each in leaves]
+    state = jax.tree.unflatten(structure, known)
     free, state, _ = solver.step(function, free, problem, {}, state, frozenset())
     done, _ = solver.terminate(function, free, problem, {}, state, frozenset())
-    return free, state, done
+    return free, jax.tree.leaves(eqx.filter(state, eqx.is_array)), state.aux, done
 
 
-@eqx.filter_jit
+@program
 def _looked_at(free: Array, problem: _Problem) -> Array:
     return problem.residuals(free)[1]
 
 
-@eqx.filter_jit
+@program
 def _controls(free: Array, problem: _Problem) -> Any:
     return problem.controls(free)
 
@@ -211,21 +221,21 @@ def optimise(
     require_float64()
     began, gained = time.perf_counter(), []
     controls = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), controls)
-    free, unravel = ravel_pytree(controls)
+    free, _ = ravel_pytree(controls)
     many = free.size > FEW
     steps = STEPS[many] if steps is None else steps
     patience = PATIENCE[many] if patience is None else patience
-    problem = _Problem(objective, controls if many else None, unravel, many)
+    problem = _Problem(objective, controls, many)
     free = jax.device_put(np.zeros(free.size)) if many else free
     if steps < 1:
         error, _, penalty, *_ = map(float, _looked_at(free, problem))
         return Outcome(controls, error, penalty, 0, False, time.perf_counter() - began)
-    state = _start(free, problem)
-    done, count, rejected, error, penalty, begun = False, 0, 0, 0.0, 0.0, np.inf
+    numbers = _start(free, problem)
+    done, stopped, count, rejected, error, penalty, begun = False, False, 0, 0, 0.0, 0.0, np.inf
     while not done and count < steps:
-        free, state, stopped = _step(free, problem, state)
+        free, numbers, sizes, stopped = _step(free, problem, numbers)
         count += 1
-        sizes = np.asarray(state.aux)
+        sizes = np.asarray(sizes)
         error, _, penalty, *_ = map(float, sizes)
         value = float(np.sqrt((sizes**2).sum()))
         if value < min(gained, default=np.inf):
@@ -240,10 +250,10 @@ def optimise(
             # The damping that grew on the way here may be more than is needed from here on.
             begun, rejected = min(gained), 0
             gained = [begun]
-            state = _start(free, problem)
+            numbers = _start(free, problem)
             continue
         done = bool(stopped) or stalled or rejected == REJECTIONS
     # Where nothing was ever gained the trials failed: that is no convergence.
-    converged = done and (bool(state.terminate) or len(gained) > 1)
+    converged = done and (bool(stopped) or len(gained) > 1)
     spent = time.perf_counter() - began
     return Outcome(_controls(free, problem), error, penalty, count, converged, spent)

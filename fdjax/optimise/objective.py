@@ -49,7 +49,7 @@ class Objective(eqx.Module):
     """The design objective of a pattern over controls.
 
     - `windows`: soft windows with their targets, or None to compare the pattern's own cells with
-      `target`, a function (x, y, z) -> porosity of JAX arrays.
+      `target`, a function (x, y, z) -> porosity of JAX arrays, which is needed only then.
     - `limits`: of the machine; `smoothness`: weight of the roughness of the controls;
       `barrier`: weight of broken limits, per share of violation.
     - `terms`: residuals of one's own, each a function of the pattern and what it realised.
@@ -57,7 +57,7 @@ class Objective(eqx.Module):
 
     pattern: AbstractPattern
     windows: Any
-    target: Callable[..., Array] = eqx.field(static=True)
+    target: Callable[..., Array] | None = eqx.field(static=True)
     limits: Limits = eqx.field(static=True)
     smoothness: float = 1e-3
     barrier: float = 3.0
@@ -110,6 +110,7 @@ class Objective(eqx.Module):
         )
 
     def _cell_error(self, realised: Any) -> Float[Array, " e"]:
+        assert self.target is not None
         xyz, local, volume = self.pattern.cells(realised)
         weight = jnp.sqrt(jnp.abs(volume) / jnp.abs(volume).sum())
         return (weight * (local - self.target(*xyz.T))).ravel()

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array
 from shapely import Point, Polygon
@@ -25,6 +24,7 @@ from fdjax.pattern.base import (
     phases_key,
     road_width_key,
 )
+from fdjax.programs import program
 from fdjax.road.porosity import midpoints
 from fdjax.target.target import Target
 
@@ -100,7 +100,7 @@ def _folds(part: Part, polygon: Polygon) -> bool:
     return bool((_jacobian(sides) <= 0).any())
 
 
-@eqx.filter_jit
+@program
 def _jacobian(sides: Sides) -> Array:
     places = jnp.asarray(midpoints(_LOOKED))
     return tangents(Transfinite(sides), places[:, None], places[None])[1].jacobian

@@ -25,6 +25,7 @@ from fdjax.limits import Limits
 from fdjax.part.blocks import Blocks
 from fdjax.part.ring import at
 from fdjax.pattern.reach import check_reachable
+from fdjax.programs import program
 from fdjax.road.bead import section_area
 from fdjax.road.porosity import midpoints
 from fdjax.road.stacking import FAMILIES, Stacking
@@ -189,7 +190,7 @@ class Demand:
         return replace(blocks, cuts=frozenset(cuts))
 
 
-@eqx.filter_jit
+@program
 def _lattice(sides: Sides) -> tuple[Array, Tangents]:
     places = jnp.asarray(midpoints(_STRIPS * _FINE))
     return eqx.filter_vmap(lambda own: tangents(Transfinite(own), places[:, None], places[None]))(

@@ -26,6 +26,7 @@ from fdjax.pattern.block_pattern import (
 )
 from fdjax.pattern.map_domain import polygon_of
 from fdjax.pattern.width import free_of
+from fdjax.programs import program
 from fdjax.road.porosity import Samples
 from fdjax.target.target import Target
 
@@ -190,6 +191,6 @@ def _sizes(structure: Structure, blocks: Blocks) -> tuple[float, list[float]]:
     return max(across), along
 
 
-@eqx.filter_jit
+@program
 def _skew(pattern: BlockLines) -> Any:
     return pattern.realise(pattern.first).lattice.along.skew

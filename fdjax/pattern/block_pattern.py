@@ -21,6 +21,7 @@ from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.block_phases import Beside, Turn, besides, turns
 from fdjax.pattern.block_tracing import edges, squeezed, traced
 from fdjax.pattern.width import PlacedWidth
+from fdjax.programs import program
 from fdjax.road.bead import section_area
 from fdjax.road.deposit import Points
 from fdjax.road.patches import Families, patch_deposit, wall_margins
@@ -384,6 +385,6 @@ _MISSED = 3e-3
 """Share of the volume up to which the sections of the roads make good what is missing."""
 
 
-@eqx.filter_jit
+@program
 def _shape(pattern: BlockLines, controls: BlockControls) -> tuple[AbstractGridMap, PlacedWidth]:
     return pattern.grid(controls), pattern.road_width(controls)

@@ -11,6 +11,7 @@ from jaxtyping import Array
 from fdjax.grid.base import AbstractGridMap, tangents
 from fdjax.part.blocks import Band
 from fdjax.pattern.width import PlacedWidth
+from fdjax.programs import program
 from fdjax.road.porosity import Margins
 
 Floats = np.ndarray
@@ -22,7 +23,7 @@ _RAMP = 0.3
 """Share of a block over which lines come back that keep off a wall of the block before."""
 
 
-@eqx.filter_jit
+@program
 def edges(grid: AbstractGridMap, width: PlacedWidth, block: Any, points: int) -> Margins:
     own, run, ends = _one(grid, block), jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
     _, across = tangents(own, ends[:, None], run[None])
@@ -98,7 +99,7 @@ def _one(grid: AbstractGridMap, block: Any) -> Any:
     return eqx.combine(jax.tree.map(lambda part: part[block], arrays), rest)
 
 
-@eqx.filter_jit
+@program
 def _batch(
     grid: AbstractGridMap, width: PlacedWidth, block: Any, xi: Any, eta: Any
 ) -> tuple[Array, Array]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from itertools import groupby, pairwise
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import shapely
@@ -19,6 +18,7 @@ from fdjax.pattern.embedded import MOST, Embedded, Zone
 from fdjax.pattern.embedded_net import Axis
 from fdjax.pattern.grid_lines import GridLines
 from fdjax.pattern.zone_choice import Asked, State, lacking, state_of
+from fdjax.programs import program
 from fdjax.road.stacking import FAMILIES, Scan
 
 Floats = NDArray[np.float64]
@@ -229,7 +229,7 @@ def _between(
     return shapely.make_valid(shapely.Polygon(np.asarray(_placed(pattern, xi, eta))))
 
 
-@eqx.filter_jit
+@program
 def _placed(pattern: GridLines, xi: Any, eta: Any) -> Any:
     grid, _, _ = pattern.shape(pattern.first)
     return grid(jnp.asarray(xi), jnp.asarray(eta))

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -14,6 +13,7 @@ from fdjax.pattern.embedded_lines import with_fine
 from fdjax.pattern.grid_controls import Controls
 from fdjax.pattern.grid_tracing import along, margins, spiral, traced
 from fdjax.pattern.width import AbstractWidth
+from fdjax.programs import program
 from fdjax.road import porosity
 from fdjax.road.porosity import Margins
 from fdjax.road.stacking import FAMILIES, Scan
@@ -103,14 +103,14 @@ def _around(
     return np.concatenate([xy, xy[:, :1]], 1), np.roll(width, -turn, axis=1)
 
 
-@eqx.filter_jit
+@program
 def shape_of(pattern: "GridLines", controls: Controls) -> Shape:
     """The map and the road width that controls give."""
     grid, _, width = pattern.shape(controls)
     return grid, width
 
 
-@eqx.filter_jit
+@program
 def _spacing(pattern: "GridLines", grid: AbstractGridMap, eta: Array, points: int) -> Array:
     """Of a layer's eta lines, as shares of `apart`, at the points traced of each."""
     run = jnp.linspace(0, 1, points)

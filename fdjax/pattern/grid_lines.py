@@ -23,6 +23,7 @@ from fdjax.pattern.grid_controls import Controls
 from fdjax.pattern.grid_layers import layers, shape_of
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
+from fdjax.programs import program
 from fdjax.road import porosity
 from fdjax.road.deposit import Points
 from fdjax.road.holes import Holes
@@ -304,12 +305,12 @@ def _at_middle(xy: Array, depth: float) -> Array:
     return jnp.concatenate([xy, jnp.full((len(xy), 1), depth / 2)], 1)
 
 
-@eqx.filter_jit
+@program
 def _volume(pattern: GridLines) -> Array:
     return pattern.deposit(pattern.realise(pattern.first)).volume.sum()
 
 
-@eqx.filter_jit
+@program
 def _nodes(grid: AbstractGridMap) -> Array:
     places = jnp.linspace(0, 1, QUALITY_NODES)
     return grid(places[:, None], places[None])

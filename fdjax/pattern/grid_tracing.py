@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +9,7 @@ from jaxtyping import Array
 
 from fdjax.grid.base import AbstractGridMap, tangents
 from fdjax.pattern.width import AbstractWidth
+from fdjax.programs import program
 from fdjax.road import porosity
 from fdjax.road.porosity import Margins
 
@@ -17,7 +17,7 @@ _BATCH = 32
 """Lines are traced in batches of so many, so that another count is no other program."""
 
 
-@eqx.filter_jit
+@program
 def margins(grid: AbstractGridMap, width: AbstractWidth, points: int, *, closed: bool) -> Margins:
     """Off the walls that a family runs along, lines keep half of the widest road."""
     run, ends = jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
@@ -56,14 +56,14 @@ def along(
     return xy[:count], widths[:count]
 
 
-@eqx.filter_jit
+@program
 def _batch(grid: AbstractGridMap, width: AbstractWidth, xi: Any, eta: Any) -> tuple[Array, Array]:
     """Points of lines, and the widths between them."""
     middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
     return grid(xi, eta), width(middle_xi, middle_eta)
 
 
-@eqx.filter_jit
+@program
 def spiral(
     grid: AbstractGridMap,
     width: AbstractWidth,

@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +18,7 @@ from fdjax.grid.algebraic import Transfinite
 from fdjax.grid.base import Sides, Tangents, norm, tangents
 from fdjax.limits import Limits
 from fdjax.pattern.reach import check_reachable
+from fdjax.programs import program
 from fdjax.road.bead import road_width, section_area
 from fdjax.road.porosity import midpoints
 from fdjax.road.stacking import FAMILIES, Stacking
@@ -67,7 +67,7 @@ class _Strips:
         return (self.demand[k] - brought) / shares[k]
 
 
-@eqx.filter_jit
+@program
 def _lattice(sides: Sides) -> tuple[Any, Tangents]:
     places = jnp.asarray(midpoints(_STRIPS))
     return tangents(Transfinite(sides), places[:, None], places[None])

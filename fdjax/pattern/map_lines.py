@@ -24,6 +24,7 @@ from fdjax.pattern.line_counts import Start, begin
 from fdjax.pattern.map_domain import Domain, domain_of
 from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS, solved_once
 from fdjax.pattern.width import free_of
+from fdjax.programs import program
 from fdjax.road.bead import section_area
 from fdjax.road.holes import Holes
 from fdjax.road.porosity import KEPT, Samples, equal_edges, whole_lines
@@ -339,7 +340,7 @@ class MapLines(AbstractSettings):
         return found[0], found[1]
 
 
-@eqx.filter_jit
+@program
 def _skew(pattern: GridLines) -> Any:
     return pattern.skew(pattern.realise(pattern.first))
 

@@ -24,6 +24,7 @@ from fdjax.grid.spacing import (
     RobertsSpacing,
     tanh_spacing,
 )
+from fdjax.programs import program
 
 if TYPE_CHECKING:
     from fdjax.pattern.grid_controls import Controls
@@ -190,7 +191,7 @@ def solved_once(pattern: GridLines) -> GridLines:
     )
 
 
-@eqx.filter_jit
+@program
 def _solved(pattern: GridLines) -> tuple[AbstractGridMap, Report]:
     return elliptic(pattern, pattern.first).map()
 

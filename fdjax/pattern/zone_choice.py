@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 import shapely
@@ -15,6 +14,7 @@ from fdjax.grid.base import norm
 from fdjax.limits import Limits
 from fdjax.pattern.embedded import Embedded
 from fdjax.pattern.grid_lines import GridLines
+from fdjax.programs import program
 from fdjax.road.stacking import FAMILIES
 
 Floats = NDArray[np.float64]
@@ -58,7 +58,7 @@ def state_of(pattern: GridLines) -> State:
     return State(xy, area, solid, (xi, eta), (of_xi / xi, of_eta / eta))
 
 
-@eqx.filter_jit
+@program
 def _looked(pattern: GridLines) -> tuple[Any, ...]:
     realised = pattern.realise(pattern.first)
     _, porosity, volume = pattern.cells(realised)

@@ -103,6 +103,10 @@ class Expression:
         object.__setattr__(self, "text", text)
         object.__setattr__(self, "_value", _Reader(text).read())
 
+    def __reduce__(self) -> Any:
+        # All else follows from the text, and is of functions that cannot be pickled.
+        return Expression, (self.text,)
+
     def __call__(self, x: Any, y: Any, z: Any = 0.0) -> Any:
         """The value at x, y and z, which broadcast against each other."""
         return self._value((x, y, z), namespace(x, y, z))
