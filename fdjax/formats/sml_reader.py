@@ -23,8 +23,8 @@ from fdjax.formats.sml_codes import (
 from fdjax.plan.toolpath import Build, Outline
 from fdjax.units import MICROSTEP
 
-_PLAIN = re.compile(r"MA(-?\d{1,6}),(-?\d{1,6})")
-"""Nearly all that is in a file: what it says needs no closer look."""
+_MOVES = re.compile(r"(?:^MA-?\d{1,6},-?\d{1,6};\n)+", re.MULTILINE)
+"""Nearly all that is in a file: moves one after the other, that are read together."""
 _COMMAND = re.compile(r"([A-Za-z]{2})([-+.,\d\s]*)")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)")
 _MACHINE = re.compile(r"^\W*fdjax machine = (.*)$", re.MULTILINE)
@@ -66,20 +66,16 @@ def read(
     if machine.sml is None:
         raise InputError(f"machine {machine.name} reads no SML: its profile has no [sml]")
     plotter = _Plotter(machine.sml)
-    rest = ""
-    number = 0
+    done = 0
     try:
-        for line in text.splitlines():
-            number += 1
-            if line.startswith(machine.sml.comment):
-                plotter.assembly.comment(line)
-                continue
-            *commands, rest = (rest + line).split(";")
-            for command in commands:
-                plotter.run(command)
-        plotter.finish(rest)
+        for moves in _MOVES.finditer(text):
+            plotter.read(text[done : moves.start()])
+            plotter.move(moves[0])
+            done = moves.end()
+        plotter.read(text[done:])
+        plotter.finish()
     except InputError as error:
-        raise InputError(f"SML line {number}: {error}") from None
+        raise InputError(f"SML line {plotter.line}: {error}") from None
     return plotter.assembly.build(
         unit=machine.sml.area_per_code, layer_height=layer_height, outline=outline
     )
@@ -105,15 +101,40 @@ class _Plotter:
         self._path: list[tuple[float, float]] | None = None  # since BC
         self._actions = 0
         self._last: deque[str] = deque(maxlen=max(1, len(self._footer)))
+        self._comment = sml.comment
+        self._rest = ""
+        self.line = 0
+
+    def read(self, text: str) -> None:
+        """Whole lines of the file."""
+        for line in text.splitlines():
+            self.line += 1
+            if line.startswith(self._comment):
+                self.assembly.comment(line)
+                continue
+            *commands, self._rest = (self._rest + line).split(";")
+            for command in commands:
+                self.run(command)
+
+    def move(self, text: str) -> None:
+        """Lines that match `_MOVES`, all at once where they are of one path and within limits."""
+        count = text.count("\n")
+        if self._rest or self._path is None or self._actions + count > MOST_ACTIONS:
+            return self.read(text)
+        numbers = text.replace("MA", "").replace(";\n", ",")[:-1]
+        to = np.fromstring(numbers, sep=",").reshape(count, 2)
+        if np.abs(to).max() > FARTHEST + 1:
+            return self.read(text)
+        self._path += [(x, y) for x, y in to.tolist()]
+        self._at = self._path[-1]
+        self._actions += count
+        self._last.extend(text.split(";\n")[:-1])
+        self.line += count
 
     def run(self, command: str) -> None:
         """Run one command, without its semicolon."""
         command = command.strip().removeprefix(self._mark).strip()
         if not command:
-            return
-        if (plain := _PLAIN.fullmatch(command)) is not None:
-            self._act(command)
-            self._go([(float(plain[1]), float(plain[2]))])
             return
         match = _COMMAND.fullmatch(command)
         # The numbers are looked at apart: one pattern for all would take exponential time.
@@ -216,12 +237,12 @@ class _Plotter:
             codes[_nearest(counts, place) :] = code
         self.assembly.add(path * MICROSTEP, codes, z=self._z, material=self._material)
 
-    def finish(self, rest: str) -> None:
+    def finish(self) -> None:
         """Check that the file is whole."""
         if not self._last:
             raise InputError("not SML: there is no command")
-        if rest.strip():
-            raise InputError(f"the file is truncated: {rest.strip()[:30]!r} has no semicolon")
+        if rest := self._rest.strip():
+            raise InputError(f"the file is truncated: {rest[:30]!r} has no semicolon")
         if self._path is not None:
             raise InputError("the file is truncated: BC without EC")
         if self._footer and [_squeeze(command) for command in self._last] != self._footer:

@@ -328,3 +328,23 @@ def test_the_machine_must_be_known():
 def test_what_cannot_be_written(road, message):
     with pytest.raises(InputError, match=message):
         sml.write(build_of(road), FDM)
+
+
+def test_moves_read_together_are_those_read_one_by_one():
+    """Blanks keep lines from being taken together."""
+    text = sml.write(sml.fit(small_build(), FDM), FDM)
+    assert re.search("MA[^;]*;\nMA", text)
+    assert_same(sml.read(text), sml.read(text.replace(";\nMA", ";\n MA")))
+
+
+@pytest.mark.parametrize(
+    ("moves", "line", "wrong"),
+    [
+        (["MA1,1;"] * 4 + ["MA40000,1;"] + ["MA1,1;"] * 4, 6, "out of range"),
+        (["MA1,1;"] * 250, 202, "more than 200 actions"),
+        (["MA1,1;"] * 150 + ["MR1,0;"] + ["MA1,1;"] * 60, 202, "more than 200 actions"),
+    ],
+)
+def test_a_fault_among_moves_is_told_with_its_line(moves, line, wrong):
+    with pytest.raises(InputError, match=rf"^SML line {line}: .*{wrong}"):
+        sml.read("\n".join(["BC;", *moves, "EC;"]), machine=FDM)
