@@ -45,10 +45,14 @@ class Place:
 
 @dataclass(frozen=True)
 class Kind:
-    """What a key may hold: `text` says it in the table, `read` turns it into data or raises."""
+    """What a key may hold: `text` says it in the table, `read` turns it into data or raises.
+
+    `again`: whether it reads what it has read as the same.
+    """
 
     text: str
     read: Callable[[Any, Place], Any]
+    again: bool = False
 
 
 def key(
@@ -111,6 +115,23 @@ def read_values(
     return values
 
 
+def check_values(table: Any) -> None:
+    """Raise `InputError` for a value that a dataclass of keys was given in Python and that its key
+    could not hold. NumPy's and JAX's numbers are numbers; kinds that do not read their own data
+    again are left out.
+    """
+    for f in dataclasses.fields(table):
+        value, kind = getattr(table, f.name), f.metadata.get("kind")
+        if kind is not None and kind.again and not (value is None and f.default is None):
+            kind.read(_plain(value), Place(type(table).__name__, key=f.name))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.item() if getattr(value, "shape", None) == () else value
+
+
 def rows(declared: Keys, prefix: str = "") -> list[tuple[str, str, str, str]]:
     """(key, what it may hold, default, meaning) of each key."""
     result = []
@@ -162,7 +183,7 @@ def number(low: float, high: float = math.inf) -> Kind:
             raise place.error(f"{show(value)} is out of range; {text} is possible")
         return result
 
-    return Kind(text, read)
+    return Kind(text, read, again=True)
 
 
 def whole(low: int, high: int) -> Kind:
@@ -175,7 +196,7 @@ def whole(low: int, high: int) -> Kind:
             raise place.error(f"{show(value)} is out of range; {low} to {high} is possible")
         return value
 
-    return Kind(f"whole number, {low} to {high}", read)
+    return Kind(f"whole number, {low} to {high}", read, again=True)
 
 
 def _positive_length(value: Any, place: Place) -> float:
@@ -214,10 +235,10 @@ def _unit(value: Any, place: Place) -> str:
     return value
 
 
-LENGTH = Kind('length such as "0.4mm"', _positive_length)
+LENGTH = Kind('length such as "0.4mm"', _positive_length, again=True)
 TEXT = Kind("text", _text)
 UNIT = Kind("mm, um, cm, m, in, mil, microstep", _unit)
-FLAG = Kind("true or false", _flag)
+FLAG = Kind("true or false", _flag, again=True)
 FILE = Kind("file, relative to the job", _file)
 
 
@@ -230,7 +251,7 @@ def choice(*options: str) -> Kind:
             raise place.error(f"{show(value)} is not one of {', '.join(options)}{hint}")
         return value
 
-    return Kind(", ".join(options), read)
+    return Kind(", ".join(options), read, again=True)
 
 
 # --- kinds of several values ---
@@ -249,7 +270,7 @@ def choices(*options: str, least: int = 1) -> Kind:
                 raise place.error(f'"{word}" is given twice')
         return words
 
-    return Kind(f"list of {one.text}", read)
+    return Kind(f"list of {one.text}", read, again=True)
 
 
 def pair(kind: Kind) -> Kind:
@@ -262,7 +283,7 @@ def pair(kind: Kind) -> Kind:
         first, second = (kind.read(item, place.at(f"[{k}]")) for k, item in enumerate(items))
         return first, second
 
-    return Kind(f"two of: {kind.text}", read)
+    return Kind(f"two of: {kind.text}", read, again=kind.again)
 
 
 def several(one: Kind) -> Kind:
@@ -274,7 +295,7 @@ def several(one: Kind) -> Kind:
             raise place.error("is empty; one value or more is needed")
         return tuple(one.read(item, place.at(f"[{k}]")) for k, item in enumerate(items))
 
-    return Kind(f"list of {one.text}", read)
+    return Kind(f"list of {one.text}", read, again=one.again)
 
 
 def _coordinate(value: Any, place: Place) -> float:

@@ -213,7 +213,9 @@ def parse(
         try:
             values[at] = cls(**read[at])
         except InputError as fault:
-            raise Place(source, f"[{at}]").error(fault) from None
+            # A pattern names the key first, which may stand in another table of the job.
+            inside = at == "pattern" and str(fault).partition(":")[0] in in_design
+            raise Place(source, "[design]" if inside else f"[{at}]").error(fault) from None
     return Job(**values)
 
 

@@ -18,10 +18,12 @@ from fdjax.target.target import Target
 from fdjax.units import MICROSTEP
 
 FAINT = 0.01
-"""Largest share by which sections change where the road width is given."""
+"""Largest share by which sections change where the road width is given and nothing is designed, and
+by which corners are cut for it."""
 
 UNEVEN = 0.05
-"""Largest share by which the sections of a sub-domain change, for the roads that are too short."""
+"""Largest share by which they change where the mean is to be met: a machine that leaves out more
+short roads, or joins fewer lines along the walls, than that of the design lays so much less."""
 
 TOLERANCE = 4e-3
 """Points so near a straight road are dropped, mm: a hundredth of a road's width."""
@@ -73,8 +75,8 @@ def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
 
 def trimmed_to(job: Job, result: Design, plan: Build, machine: Machine) -> Build:
     """The plan with the volume, or the coverage, that is asked, by the sections of its roads: as
-    much as that takes where their width is free, else only up to `FAINT` and where the machine lays
-    it.
+    much as that takes where their width is free, else only up to `UNEVEN`, of lines that are not
+    designed `FAINT`, and where the machine lays it.
     """
     if not plan.volume > 0:
         return plan
@@ -86,7 +88,8 @@ def trimmed_to(job: Job, result: Design, plan: Build, machine: Machine) -> Build
         trimmed, faint = trim_subdomains(plan, volumes, most=UNEVEN), True
     else:
         trimmed = trim(plan, result.volume, count=job.pattern.count)
-        faint = abs(trimmed.volume / plan.volume - 1) < FAINT
+        most = UNEVEN if job.pattern.controls else FAINT
+        faint = abs(trimmed.volume / plan.volume - 1) < most
     if job.pattern.width_is_free:
         return trimmed
     low, high = machine.limits.road_width

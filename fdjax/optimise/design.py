@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fdjax.errors import InputError
+from fdjax.keys import check_values
 from fdjax.limits import Limits
 from fdjax.optimise.least_squares import PATIENCE, STEPS, Outcome, Progress, optimise
 from fdjax.optimise.objective import LEAST_WINDOW, MARGIN, Objective, Term
@@ -172,11 +173,17 @@ def design(
     returned, and says so.
     """
     require_float64()
+    pattern = Isolines() if pattern is None else pattern
+    window = _checked(limits, pattern, window)
+    for name, value in (("smoothness", smoothness), ("iterations", iterations or 0)):
+        if not 0 <= value < np.inf:
+            raise InputError(f"{name}: {value!r} must be 0 or more, and finite")
+    if callable(terms) or not all(map(callable, terms)):
+        raise InputError(f"terms: {terms!r:.60} is no list of functions (pattern, realised)")
     if objective not in OBJECTIVES:
         raise InputError(f'objective: "{objective}" is not one of {", ".join(OBJECTIVES)}')
     part = part if isinstance(part, Part) else Part.plate(part)
     target = target if isinstance(target, Target) else Target(target)
-    pattern = pattern or Isolines()
     limits = limits if span_limit else replace(limits, longest_span=np.inf)
     windows = SoftWindows.over(part, target.solid, window, flat=target.is_flat_over(part))
     if not (windows.room > LEAST_WINDOW * windows.full).any():
@@ -204,6 +211,29 @@ def design(
     assert outcome is not None
     assert problem is not None
     return _finished(part, problem, now, outcome, steps=steps, seconds=seconds, volume=volume)
+
+
+def _checked(limits: Any, pattern: Any, window: Any) -> float:
+    """The window as a number of mm. Raises `InputError` for what is none that shows porosity, and
+    for what is no machine's limits or no settings of a pattern.
+    """
+    if not isinstance(limits, Limits):
+        raise InputError(
+            f'limits: {limits!r:.60} is none; give those of a machine, load_machine("...").limits'
+        )
+    if not isinstance(pattern, AbstractSettings):
+        raise InputError(f"pattern: {pattern!r:.60} is no settings of one; give Isolines() or so")
+    check_values(pattern)
+    try:
+        side = float(window)
+    except (TypeError, ValueError):
+        raise InputError(f"window: {window!r:.60} is no number of mm") from None
+    if not pattern.road_width <= side < np.inf:
+        raise InputError(
+            f"window: {side:g} mm, and roads are {pattern.road_width:g} mm wide; porosity is seen "
+            "in windows of a few roads, and none can be narrower than one"
+        )
+    return side
 
 
 def _in_rounds(

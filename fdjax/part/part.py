@@ -46,11 +46,13 @@ class Part:
 
         `region` is a `Region`, a `Patch`, or what `Region.of` takes.
         """
+        if not isinstance(layers, int | np.integer):
+            raise InputError(f"layers: {layers!r} is no whole number")
         if layers < 1:
             raise InputError(f"layers: {layers}; at least 1")
         patch = region if isinstance(region, Patch) else None
         own = Region.of(region.outline if isinstance(region, Patch) else region)
-        return cls(_stacked([own] * layers, [height] * layers), patch)
+        return replace(cls.stack([own] * layers, height), patch=patch)
 
     @classmethod
     def stack(cls, regions: Sequence[Any], heights: float | Sequence[float]) -> "Part":
@@ -58,8 +60,11 @@ class Part:
 
         A region that is given for several layers is best given as the same object.
         """
-        each = [heights] * len(regions) if isinstance(heights, int | float) else list(heights)
-        if len(each) != len(regions):
+        if isinstance(regions, str) or not hasattr(regions, "__len__"):
+            raise InputError(f"regions: {regions!r:.60} is no list of regions, one for each layer")
+        each = _heights(heights)
+        each = np.repeat(each, len(regions)) if each.ndim == 0 else each
+        if each.shape != (len(regions),):
             raise InputError(f"heights: {len(each)} given for {len(regions)} layers")
         made: dict[int, Region] = {}
         own = [made.setdefault(id(region), Region.of(region)) for region in regions]
@@ -101,9 +106,17 @@ class Part:
         return np.array([slab.z - slab.height / 2 for slab in self.slabs])
 
 
-def _stacked(regions: Sequence[Region], heights: Sequence[float]) -> tuple[Slab, ...]:
+def _heights(given: Any) -> NDArray[np.float64]:
+    """Heights as numbers, mm, as many as there are."""
+    try:
+        return np.asarray(given, float)
+    except (TypeError, ValueError):
+        raise InputError(f"height: {given!r:.60} is no number of mm") from None
+
+
+def _stacked(regions: Sequence[Region], heights: NDArray[np.float64]) -> tuple[Slab, ...]:
     for number, height in enumerate(heights, 1):
         if not (np.isfinite(height) and height > 0):
             raise InputError(f"layer {number}: height {height:g} mm; it must be positive")
     tops = np.round(np.cumsum(heights), 9).tolist()
-    return tuple(map(Slab, tops, map(float, heights), regions))
+    return tuple(map(Slab, tops, heights.tolist(), regions))

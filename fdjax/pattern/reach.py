@@ -35,8 +35,8 @@ def check_reachable(
     for at in (int(np.argmax(solid)), int(np.argmin(solid))):
         value = float(solid[at])
         if not lowest <= value <= highest:
-            step = float(section_area(wide, height)) / height * dense / value
             least = limits.least_spacing or wide
+            step = least * highest / value if value > 0 else np.inf
             close = f" ({step:.3g} mm apart is less than {least:.3g})" if step < least else ""
             raise InputError(
                 f"target: porosity {1 - value:.3f} is asked at {_place(xyz[at])}, but roads "

@@ -123,7 +123,10 @@ class Target:
         xp, mm = namespace(x, y, z), _mm_per(self.unit)
         x, y, z = xp.broadcast_arrays(*(xp.asarray(each, dtype=float) for each in (x, y, z)))
         with np.errstate(all="ignore"):
-            value = xp.asarray(self._field(x / mm, y / mm, z / mm))
+            given = self._field(x / mm, y / mm, z / mm)
+        value = xp.asarray(np.nan if given is None else given)
+        if given is None or value.dtype.kind not in "biuf":
+            raise InputError(f"target: {self.text} gives {given!r:.60}; real numbers are needed")
         if value.shape not in ((), x.shape):
             raise InputError(
                 f"target: {self.text} gives shape {value.shape} for points of shape {x.shape}"

@@ -125,6 +125,12 @@ def test_lines_of_a_map_may_be_laid_as_they_are(tmp_path):
     assert "controls: is empty; give some of coefficients" in text
 
 
+def test_a_key_of_a_pattern_that_stands_in_another_table_is_named_there(tmp_path):
+    both = '[design]\ncontrols = ["width"]\n[pattern]\nangle = 20\n'
+    text = fault(tmp_path, PLATE.split("[pattern]")[0] + both)
+    assert '[design]: controls: one of "coefficients", "p", "q" is needed' in text
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

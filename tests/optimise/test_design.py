@@ -138,12 +138,34 @@ def test_limits_that_are_broken_are_named_with_their_share(start):
         ({"mode": "alternate-staggered", "phases": 1}, "phases: 1"),
         ({"mode": "woven"}, "woven.*alternate, both"),
         ({"layers": 0}, "layers: 0"),
+        ({"target": lambda x, y: 1.0}, r"porosity 1\.000 is asked"),
+        ({"target": lambda x, y: None}, "gives None; real numbers are needed"),
+        ({"target": lambda x, y: 0.7 + 0j * x}, "real numbers are needed"),
+        ({"limits": "marlin-0.4"}, "limits: 'marlin-0.4' is none"),
+        ({"road_width": -0.4}, "MapLines: road_width: -0.4 must be more than 0"),
+        ({"nodes": (3, 3)}, r"MapLines: nodes\[0\]: 3 is out of range"),
+        ({"phases": 2.5}, "MapLines: phases: 2.5 is no whole number"),
+        ({"window": -5.0}, "window: -5 mm, and roads are 0.4 mm wide"),
+        ({"window": 0.1}, "none can be narrower than one"),
+        ({"window": math.nan}, "window: nan mm"),
+        ({"window": "5mm"}, "window: '5mm' is no number of mm"),
+        ({"terms": lambda pattern, realised: 0.0}, "terms: .* is no list of functions"),
+        ({"terms": (0.0,)}, r"terms: \(0.0,\) is no list of functions"),
+        ({"smoothness": -1.0}, "smoothness: -1.0 must be 0 or more"),
+        ({"smoothness": math.nan}, "smoothness: nan must be 0 or more"),
+        ({"iterations": -1}, "iterations: -1 must be 0 or more"),
     ],
 )
 def test_what_cannot_be_designed_is_one_clear_line(more, words):
     with pytest.raises(InputError, match=words) as caught:
         designed(**more)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("pattern", [MapLines, "isolines"])
+def test_a_pattern_that_is_no_settings_of_one(pattern):
+    with pytest.raises(InputError, match="is no settings of one"):
+        design(Part.plate(PLATE), target, limits=MARLIN.limits, pattern=pattern)
 
 
 # --- studies of their own, each of which compiles for long ---

@@ -1,5 +1,6 @@
 """Parts: layers from the bed upwards."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from shapely import MultiPolygon, box
@@ -36,3 +37,17 @@ def test_bad_parts_are_named():
         Part.stack([PAIR, PAIR], [0.2])
     with pytest.raises(InputError, match="layer 2: height -1 mm"):
         Part.stack([PAIR, PAIR], [0.2, -1])
+    with pytest.raises(InputError, match="heights: 4 given for 2 layers"):
+        Part.stack([PAIR, PAIR], [[0.2, 0.2]] * 4)
+    with pytest.raises(InputError, match="height: '0.2mm' is no number"):
+        Part.stack([PAIR, PAIR], "0.2mm")
+    with pytest.raises(InputError, match="is no list of regions"):
+        Part.stack(PAIR, 0.2)
+    with pytest.raises(InputError, match=r"layers: 2\.5 is no whole number"):
+        Part.plate(PAIR, layers=2.5)
+
+
+def test_heights_and_layers_are_numbers_of_any_library():
+    for height in (np.float32(0.25), jnp.asarray(0.25), np.array(0.25)):
+        assert Part.stack([PAIR, PAIR], height).height == 0.5
+    assert Part.plate(PAIR, layers=np.int64(3), height=np.float32(0.25)).height == 0.75

@@ -120,6 +120,7 @@ def test_lines_of_a_curved_domain_have_its_mean():
         # The section of such roads is 0.357 mm^2 per mm of layer height.
         (constant(0.05), {}, r"porosity 0\.050 is asked at \(.*\) mm, but .* 0\.4 mm wide"),
         (constant(0.99), {}, r"porosity 0\.990 is asked at .*, but .* can give 0\.107 to 0\.964"),
+        (constant(1.0), {}, r"porosity 1\.000 is asked at .*, but .* can give 0\.107 to 0\.964"),
         (lambda x, y: 0.05 + 0.02 * x, {}, r"can give 0\.107 to 0\.964"),
         (constant(0.05), {"stacking": Stacking("both")}, None),
         (constant(0.99), {"limits": Limits()}, None),
