@@ -38,6 +38,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
     target = setting.target_of(job.target, part)
     main = setting.machine_of(job, "ssl")
     machines, left_out = setting.machines_of(job, part)
+    named = job.files is not None
     job = replace(job, files=tuple(machines))
     setting.check_lines(job, part, target, main)
     for machine in machines.values():
@@ -51,6 +52,9 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
 
     with Beside("fdjax.plan.trace", "fdjax.view.figures") as beside:
         job, result, plan, tried = designed(job, part, target, main, progress, beside)
+        unfit = {} if named else setting.unfit_for(machines, result.road_width, main)
+        machines = {kind: each for kind, each in machines.items() if kind not in unfit}
+        left_out += [f"{job.name}.{kind}: not written: {why}" for kind, why in unfit.items()]
         plans = {main: plan}
         # All before any picture: the process beside does one after the other.
         for machine in machines.values():

@@ -136,6 +136,24 @@ def machines_of(job: Job, part: body.Part) -> tuple[dict[str, Machine], list[str
     return machines, notes
 
 
+def unfit_for(
+    machines: dict[str, Machine], widths: tuple[float, float], main: Machine
+) -> dict[str, str]:
+    """The kinds of file whose machines do not lay roads as wide as a design made them, from the
+    least to the largest, mm, each with what is wrong; that of the design keeps to it.
+    """
+    low, high = widths
+    found = {}
+    for kind, machine in machines.items():
+        least, most = machine.limits.road_width
+        if machine != main and not least <= low <= high <= most:
+            found[kind] = (
+                f"the design's roads are {low:.3g} to {high:.3g} mm wide; {machine.name} lays "
+                f"{least:g} to {most:g} mm"
+            )
+    return found
+
+
 def check_fits(job: Job, part: body.Part, machine: Machine) -> None:
     """Raise `InputError` where part, layers or roads are beyond what the machine can do at all."""
     x0, y0, x1, y1 = part.bounds

@@ -236,6 +236,21 @@ def test_a_design_that_could_not_be_made_exports_nothing(finished, monkeypatch, 
     assert names(tmp_path / "out") == REPORT
 
 
+def test_a_file_no_one_asked_for_is_left_out_where_free_widths_do_not_suit_its_machine(
+    finished, monkeypatch, tmp_path, capsys
+):
+    narrow = replace(finished.design, road_width=(0.33, 0.5))
+    monkeypatch.setattr(planning, "solve", lambda *_, **__: narrow)
+    job = written(tmp_path / "saddle.toml")
+    assert main(["design", str(job), "--out", str(tmp_path / "out")]) == 0
+    said = "saddle.sml: not written: the design's roads are 0.33 to 0.5 mm wide; stratasys-fdm1650"
+    assert said in capsys.readouterr().out
+    assert names(tmp_path / "out") == MACHINE_FILES - {"saddle.sml"} | REPORT
+    job.write_text('files = ["gcode", "sml"]\n' + job.read_text())
+    main(["design", str(job), "--out", str(tmp_path / "named"), "--quiet"])
+    assert (tmp_path / "named" / "saddle.sml").exists()
+
+
 def test_a_machine_limit_broken_in_a_file_stops_that_file(finished, again, tmp_path, capsys):
     text = (Path(profile.__file__).parent / "profiles" / "marlin-0.4.toml").read_text()
     (tmp_path / "long.toml").write_text(text.replace("least_road = 1.0 ", "least_road = 900 "))

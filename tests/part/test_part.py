@@ -39,7 +39,7 @@ def test_bad_parts_are_named():
         Part.stack([PAIR, PAIR], [0.2, -1])
     with pytest.raises(InputError, match="heights: 4 given for 2 layers"):
         Part.stack([PAIR, PAIR], [[0.2, 0.2]] * 4)
-    with pytest.raises(InputError, match="height: '0.2mm' is no number"):
+    with pytest.raises(InputError, match="is no number of mm"):
         Part.stack([PAIR, PAIR], "0.2mm")
     with pytest.raises(InputError, match="is no list of regions"):
         Part.stack(PAIR, 0.2)
