@@ -62,10 +62,13 @@ class TargetSource:
     """`[target]`: the porosity that is asked for, and how well it must be met."""
 
     porosity: str | None = key(
-        FORMULA, "void share at (x, y), 0 to 1; one of four", default=None, shown="-"
+        FORMULA,
+        "void share at (x, y, z), 0 to 1, z above the bed; one of four",
+        default=None,
+        shown="-",
     )
     solid: str | None = key(
-        FORMULA, "solid share at (x, y), one less the porosity", default=None, shown="-"
+        FORMULA, "solid share at (x, y, z), one less the porosity", default=None, shown="-"
     )
     image: Path | None = key(
         FILE, "grey picture over the outline's bounding box, top row at largest y", default=None,
@@ -77,7 +80,7 @@ class TargetSource:
     quantity: str = key(choice("porosity", "solid"), "what image or array give", default="porosity")
     low: float = key(number(*ANY), "what black, or a value 0, stands for", default=0.0)
     high: float = key(number(*ANY), "what white, or a value 1, stands for", default=1.0)
-    unit: str = key(UNIT, "of x and y in the formula", default="mm")
+    unit: str = key(UNIT, "of x, y and z in the formula", default="mm")
     tolerance: float = key(
         PROPORTION, "largest RMS porosity error in windows that is accepted", default=0.02
     )

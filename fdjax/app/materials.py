@@ -34,7 +34,7 @@ def _formula(value: Any, place: Place) -> str:
         raise place.error(fault) from None
 
 
-FORMULA = Kind("formula in x, y", _formula)
+FORMULA = Kind("formula in x, y, z", _formula)
 
 _WAYS = ("function", "image", "share")
 
@@ -59,7 +59,7 @@ class Materials:
     """Two or more materials, by one of three ways; none given is one material."""
 
     function: str | None = key(
-        Kind("formula in x, y, z", _formula),
+        FORMULA,
         "the first material where it is below 0 at a road's centre, else the second",
         default=None, shown="-",
     )  # fmt: skip

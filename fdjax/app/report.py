@@ -61,12 +61,27 @@ def faults_of(job: Job, result: Design, written: list[Written]) -> list[tuple[Pa
         if not rms <= job.target.tolerance:
             what = f"{each.path.name} misses its target: RMS {rms:.4f} in {job.target.window:g} mm"
             what = f"{what} windows, {job.target.tolerance:g} is allowed"
-            why = f" (limited by {' and '.join(result.limited_by)})" if result.limited_by else ""
+            limits = [*result.limited_by, *_single_roads(result, rms)]
+            why = f" (limited by {' and '.join(limits)})" if limits else ""
             faults.append((each.path, what + why))
         faults += [(each.path, f"{each.path.name}: {what}") for what in _uneven(result, each)]
         for finding in each.errors:
             faults.append((each.path, f"{each.path.name}: {finding}"))
     return faults
+
+
+def _single_roads(result: Design, rms: float) -> list[str]:
+    """In words, where a file misses by more than its model: windows hold so few of its roads."""
+    if not rms > LUMPY * result.outcome.error:
+        return []
+    return [
+        f"single roads, where their mean would miss by {result.outcome.error:.2g}: more layers or "
+        "phases, narrower roads or a wider target.window even them out"
+    ]
+
+
+LUMPY = 1.5
+"""A file whose error is as many times that of its model misses for its single roads."""
 
 
 def _uneven(result: Design, each: Written) -> list[str]:

@@ -1,11 +1,14 @@
 """What a report says beside its numbers."""
 
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from fdjax.app import config
 from fdjax.app.measuring import Question, answer
+from fdjax.app.report import faults_of
 from fdjax.app.run import design
 from fdjax.errors import DesignError
 
@@ -68,3 +71,23 @@ def test_a_job_that_counts_coverage_says_it_and_the_volume(tmp_path):
     for name in ("mean_got", "rms"):
         assert counted[name] == pytest.approx(facts[name])
         assert plain[name] == pytest.approx(facts["by_volume"][name])
+
+
+@pytest.mark.parametrize(("model", "single"), [(0.004, True), (0.019, False)])
+def test_a_file_that_misses_by_more_than_its_model_says_that_single_roads_show(model, single):
+    result = SimpleNamespace(
+        made=True,
+        limited_by=["span at its limit"],
+        outcome=SimpleNamespace(error=model),
+        controls=None,
+        pattern=SimpleNamespace(facts=lambda controls: {}),
+    )
+    file = SimpleNamespace(
+        path=Path("job.gcode"), planned=1.0, thinned=0.0, errors=[], subdomains=(),
+        comparison=SimpleNamespace(rms=0.025),
+    )  # fmt: skip
+    job = config.parse({"part": {"shape": "rectangle", "size": [9, 9]}, "target": {"solid": 0.2}})
+    ((_, said),) = faults_of(job, result, [file])  # type: ignore[arg-type]
+    assert said.startswith("job.gcode misses its target: RMS 0.0250 in 5 mm windows")
+    assert "limited by span at its limit" in said
+    assert ("single roads, where their mean would miss by 0.004" in said) == single
