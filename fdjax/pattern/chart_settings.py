@@ -1,5 +1,6 @@
 """What a user says of any pattern drawn in a chart of two splines, and how its chart begins."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -30,6 +31,11 @@ CELLS = {True: 6, False: 4}
 
 KNOTS = {True: 0.72, False: 1.0}
 """Distance of the knots as a share of a window's side: lines cannot crowd faster than a knot."""
+
+LEAST = 160
+"""Coefficients that a function has at least, in a part of few windows too: with fewer the arms of a
+small part, a few roads wide, do not get what each of them asks, and a design moves so few controls
+without the scaled and damped first steps that straight lines need."""
 
 
 class Start(NamedTuple):
@@ -168,8 +174,12 @@ class ChartSettings(AbstractSettings):
     def _axes(self, part: Part, window: float, flat: bool) -> tuple[Axis, Axis, Axis]:
         x0, y0, x1, y1 = part.bounds
         box = (x0, x1), (y0, y1), (0.0, part.height)
-        knots = self.knots or tuple(_knots(b - a, KNOTS[flat] * window) for a, b in box[:2])
         along_z = 1 if flat else _knots(part.height, window)
+        step = KNOTS[flat] * window
+        knots = self.knots or tuple(_knots(b - a, step) for a, b in box[:2])
+        while self.knots is None and along_z * math.prod(knots) < LEAST:
+            step *= 0.95
+            knots = tuple(_knots(b - a, step) for a, b in box[:2])
         return (
             Axis(*box[0], knots[0]),
             Axis(*box[1], knots[1]),

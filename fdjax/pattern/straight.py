@@ -71,7 +71,7 @@ def profiles(
 
     def density(family: int, own: float) -> Floats:
         asked = strips[family][2]
-        return (asked - (1 - own) * mean) / shares[family]
+        return (asked - (1 - own) * mean) / (shares[family] or 1.0)
 
     def cost(first: float) -> float:
         total = 0.02 * float(np.log(first / (1 - first))) ** 2
@@ -82,7 +82,8 @@ def profiles(
             total += 10 * float((area * np.maximum(found / (0.9 * high) - 1, 0) ** 2).sum())
         return total
 
-    first = min(np.linspace(0.1, 0.9, 81), key=cost)
+    # Of one layer the first family is all there is.
+    first = min(np.linspace(0.1, 0.9, 81), key=cost) if shares[1] > 0 else 1.0
     made = []
     for family, own in ((0, first), (1, 1 - first)):
         smooth = np.convolve(np.pad(density(family, own), 1, mode="edge"), np.ones(3) / 3, "valid")

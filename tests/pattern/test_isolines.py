@@ -62,6 +62,20 @@ def test_lines_of_all_phases_are_as_long_as_their_density_says(name, angle, twis
         assert length[family] == pytest.approx(modelled, rel=5e-3)
 
 
+@pytest.mark.parametrize("size", [(15, 15), (30, 20), (60, 6)], ids=str)
+def test_small_parts_have_coefficients_enough_for_damped_steps(size):
+    pattern = begun(Part.plate(shapely.box(0, 0, *size)), SMALL)
+    assert FEW < ravel_pytree(pattern.controls())[0].size < 3 * FEW
+    assert begun(Part.plate(shapely.box(0, 0, *size)), SMALL, knots=(7, 8)).axes[0].count == 7
+
+
+def test_of_one_layer_the_lines_of_one_family_begin_with_all_that_is_asked():
+    part = Part.plate(DISC, layers=1)
+    pattern = begun(part, expression("0.3", quantity="solid"), twist=0.0)
+    modelled = float(jax.jit(lambda p: p.deposit(p.realise(p.first)).volume.sum())(pattern))
+    assert modelled == pytest.approx(0.3 * part.volume, rel=0.1)
+
+
 CONTROLS = [
     ("coefficients",),
     ("p", "q"),
@@ -112,9 +126,11 @@ def test_a_plate_lower_than_a_window_may_have_a_target_that_rises():
     assert found.outcome.error < 0.01
 
 
-def test_a_small_part_has_few_controls():
+def test_few_controls_are_moved_by_another_way():
     part = Part.plate(shapely.box(0, 0, 16, 11))
-    found = design(part, lambda x, y: 0.72 - 0.01 * x + 0.005 * y, limits=MARLIN.limits)
+    few = Isolines(knots=(8, 7))
+    target = Target(lambda x, y: 0.72 - 0.01 * x + 0.005 * y)
+    found = design(part, target, limits=MARLIN.limits, pattern=few)
     assert ravel_pytree(found.controls)[0].size <= FEW
     build = lay(found.strokes(), part, lift_length=4.0)
     better = found.corrected(*build.deposits(0.5))
