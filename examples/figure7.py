@@ -24,7 +24,7 @@ from fdjax.plan.toolpath import Build
 HERE = Path(__file__).parent
 JOBS = {
     "figure7a": "(a) embedded: the base grid keeps its lines",
-    "figure7b": "(b) multi-block: lines run on from block to block",
+    "figure7b": "(b) multi-block: lines run through the joins",
 }
 """Title of each job's panel."""
 

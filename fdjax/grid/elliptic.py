@@ -162,11 +162,15 @@ class NodeMap(AbstractGridMap):
     Between the nodes of a side a spline leaves a polyline with corners; that defect, zero at the
     nodes, is added back where it arises and fades out within two nodes. Polylines are so kept
     exactly, with their kinks; smooth curves to fourth order in the node spacing.
+
+    - `kept`: 1 for those of bottom, right, top and left that are kept so, 0 for those that the
+      spline has moved.
     """
 
     coefficients: Float[Array, "K L 2"]
     sides: Sides
     spacings: Spacings
+    kept: tuple[Float[Array, ""] | float, ...] = (1.0, 1.0, 1.0, 1.0)
 
     @classmethod
     def through(
@@ -195,16 +199,19 @@ class NodeMap(AbstractGridMap):
         )
         left, right = jnp.einsum("sk,klc->slc", along_xi, self.coefficients)
         bottom, top = jnp.einsum("sl,klc->skc", along_eta, self.coefficients)
-        for curve, spacing, t, wall, steps in (
-            (sides.bottom, spacings.bottom, xi, bottom, eta * (nj - 1)),
-            (sides.top, spacings.top, xi, top, (1 - eta) * (nj - 1)),
-            (sides.left, spacings.left, eta, left, xi * (ni - 1)),
-            (sides.right, spacings.right, eta, right, (1 - xi) * (ni - 1)),
+        for curve, spacing, kept, t, wall, steps in zip(
+            sides,
+            (spacings.bottom, spacings.right, spacings.top, spacings.left),
+            self.kept,
+            (xi, eta, xi, eta),
+            (bottom, right, top, left),
+            (eta * (nj - 1), (1 - xi) * (ni - 1), (1 - eta) * (nj - 1), xi * (ni - 1)),
+            strict=True,
         ):
             if curve.corners and len(curve.breaks) > 2:
                 defect = curve(spacing(t)) - bspline.curve(wall, t)
                 fade = jnp.maximum(1 - steps / 2, 0.0) ** 3
-                r = r + fade[..., None] * defect
+                r = r + kept * fade[..., None] * defect
         return r
 
 

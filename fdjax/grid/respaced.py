@@ -1,5 +1,7 @@
 """A map whose lines are spaced anew: along each axis, and otherwise from line to line."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,6 +13,9 @@ from fdjax.grid.base import AbstractGridMap, Tangents
 from fdjax.grid.spacing import AbstractSpacing, UniformSpacing
 
 _MEAN = 64
+
+ROUNDS = 6
+"""Of u by v and v by u, where each is to suit the other."""
 
 
 class SpacingField(eqx.Module):
@@ -41,6 +46,20 @@ class SpacingField(eqx.Module):
         across = self.begin + (self.end - self.begin) * across
         found = self._field(jnp.where(self.turned, 1 - t, t), across)
         return jnp.where(self.turned, 1 - found, found)
+
+    def partials(self, t: Float[Array, "..."], across: Float[Array, "..."]) -> "_Partials":
+        """s there, and how it changes along and across."""
+
+        def by_across(t: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+            ones = jnp.ones_like(across)
+
+            def first(a: Array) -> tuple[Array, Array]:
+                return jax.jvp(lambda a: self(t, a), (a,), (ones,))
+
+            return jax.jvp(first, (across,), (ones,))
+
+        ((s, a), (_, aa)), ((by_t, ta), _) = jax.jvp(by_across, (t,), (jnp.ones_like(t),))
+        return _Partials(s, by_t, a, ta, aa)
 
     def _field(self, t: Float[Array, "..."], across: Float[Array, "..."]) -> Float[Array, "..."]:
         count = len(jax.tree.leaves(self.rows)[0])
@@ -77,12 +96,15 @@ class Respaced(AbstractGridMap):
 
     - `base`: a map; `u`, `v`: spacing fields along xi and along eta, or a spacing.
     - `closed`: whether the base map is a ring along eta.
+    - `joint`: whether u changes along the base's own eta and v along its xi instead,
+      `u(xi, v), v(eta, u)`: where bases join without a kink, so do lines then.
     """
 
     base: AbstractGridMap
     u: SpacingField | AbstractSpacing = UniformSpacing()
     v: SpacingField | AbstractSpacing = UniformSpacing()
     closed: bool = eqx.field(static=True, default=False)
+    joint: bool = eqx.field(static=True, default=False)
 
     def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
         return self.base(*self._places(xi, eta))
@@ -90,9 +112,12 @@ class Respaced(AbstractGridMap):
     def with_tangents(
         self, xi: Float[Array, "..."], eta: Float[Array, "..."]
     ) -> tuple[Float[Array, "... 2"], Tangents]:
-        places = self._places(xi, eta)
-        _, by_xi = jax.jvp(lambda t: self._places(t, eta), (xi,), (jnp.ones_like(xi),))
-        _, by_eta = jax.jvp(lambda t: self._places(xi, t), (eta,), (jnp.ones_like(eta),))
+        if self.joint:
+            places, by_xi, by_eta = self._joint(xi, eta)
+        else:
+            places = self._places(xi, eta)
+            _, by_xi = jax.jvp(lambda t: self._places(t, eta), (xi,), (jnp.ones_like(xi),))
+            _, by_eta = jax.jvp(lambda t: self._places(xi, t), (eta,), (jnp.ones_like(eta),))
         xy, along = _with_tangents(self.base, *places)
 
         def chained(by: tuple[Array, Array]) -> Float[Array, "... 2"]:
@@ -102,9 +127,54 @@ class Respaced(AbstractGridMap):
 
     def _places(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> tuple[Array, Array]:
         """Of the base map."""
+        if self.joint:
+            return self._joint(xi, eta)[0]
         u = self.u(xi, eta) if isinstance(self.u, SpacingField) else self.u(xi)
         v = self.v(eta, xi) if isinstance(self.v, SpacingField) else self.v(eta)
         return u, v - jnp.floor(v) if self.closed else v
+
+    def _joint(self, xi: Array, eta: Array) -> tuple[tuple[Array, Array], ...]:
+        """u and v that suit each other, and how they change along xi and along eta.
+
+        Found without derivatives; one step of Newton's method, which moves nothing any more, then
+        has them, and the slopes change with it to first order.
+        """
+        assert isinstance(self.u, SpacingField)
+        assert isinstance(self.v, SpacingField)
+        constant = jax.lax.stop_gradient
+        of_u, of_v, at_xi, at_eta = jax.tree.map(
+            lambda leaf: constant(leaf) if eqx.is_array(leaf) else leaf, (self.u, self.v, xi, eta)
+        )
+        u, v = at_xi, at_eta
+        # What is left is a power of how u changes along v and v along u, together.
+        for _ in range(ROUNDS):
+            u, v = of_u(at_xi, v), of_v(at_eta, u)
+        first, second = self.u.partials(xi, v), self.v.partials(eta, u)
+        off_u, off_v = first.s - u, second.s - v
+        by_v, by_u = constant(first.a), constant(second.a)
+        share = 1 - by_v * by_u
+        move_u, move_v = (off_u + by_v * off_v) / share, (off_v + by_u * off_u) / share
+        u_t, u_a = first.moved(move_v)
+        v_t, v_a = second.moved(move_u)
+        share = 1 - u_a * v_a
+        by_xi = u_t / share, v_a * u_t / share
+        by_eta = u_a * v_t / share, v_t / share
+        return (u + move_u, v + move_v), by_xi, by_eta
+
+
+class _Partials(NamedTuple):
+    """s of a spacing field, s_t, s_a, s_ta and s_aa."""
+
+    s: Array
+    t: Array
+    a: Array
+    ta: Array
+    aa: Array
+
+    def moved(self, across: Array) -> tuple[Array, Array]:
+        """s_t and s_a a step further across, to first order."""
+        ta, aa = map(jax.lax.stop_gradient, (self.ta, self.aa))
+        return self.t + ta * across, self.a + aa * across
 
 
 @eqx.filter_custom_jvp

@@ -26,6 +26,17 @@ class UniformSpacing(AbstractSpacing):
         return t
 
 
+class SlopedSpacing(AbstractSpacing):
+    """The cubic with these slopes at its ends: even where both are 1; rises for slopes to 3."""
+
+    first: Float[Array, ""] | float
+    last: Float[Array, ""] | float
+
+    def __call__(self, t: Float[Array, "..."]) -> Float[Array, "..."]:
+        before, after = self.first - 1, self.last - 1
+        return t + t * (1 - t) * (before * (1 - t) - after * t)
+
+
 class DensitySpacing(AbstractSpacing):
     """Spacing by a density of lines rho along the side: `t = int_0^s rho / int_0^1 rho`.
 

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from shapely import LinearRing, LineString, Polygon
 
 from fdjax.errors import InputError
@@ -144,6 +146,11 @@ class Blocks:
                         "only; blocks share whole sides, from corner to corner"
                     )
 
+    def keys(self, block: int) -> list[tuple[int, int]]:
+        """Which of the `sides` bottom, right, top and left of a block are."""
+        four = self.blocks[block].tolist()
+        return [(min(four[p], four[q]), max(four[p], four[q])) for p, q in ENDS]
+
     def side(self, block: int, k: int) -> Curve:
         """Bottom, right, top or left of a block, along rising xi or eta."""
         first, last = (int(self.blocks[block][end]) for end in ENDS[k])
@@ -160,11 +167,36 @@ class Blocks:
     def users(self) -> dict[tuple[int, int], list[tuple[int, int]]]:
         """The blocks, and which side of theirs, that each side belongs to."""
         found: dict[tuple[int, int], list[tuple[int, int]]] = {}
-        for b, four in enumerate(self.blocks.tolist()):
-            for k, (p, q) in enumerate(ENDS):
-                key = min(four[p], four[q]), max(four[p], four[q])
+        for b in range(len(self.blocks)):
+            for k, key in enumerate(self.keys(b)):
                 found.setdefault(key, []).append((b, k))
         return found
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """How long lines of constant xi and of constant eta are, in the mean of the two sides that
+        they run along, (m, 2), mm."""
+        side = np.array([
+            [self.sides[key].length for key in self.keys(block)]
+            for block in range(len(self.blocks))
+        ])  # fmt: skip
+        return np.stack([side[:, 1::2].mean(1), side[:, ::2].mean(1)], 1)
+
+    @cached_property
+    def extents(self) -> Floats:
+        """How long and how wide each block is as a rectangle, (m, 2), mm.
+
+        Sides that face each other, from block to block, are alike then: each is as long as they
+        are in the mean.
+        """
+        key = {user: k for k, users in enumerate(self.users.values()) for user in users}
+        facing = [(key[b, k], key[b, k + 2]) for b in range(len(self.blocks)) for k in (0, 1)]
+        i, j = np.array(facing).T
+        count = len(self.users)
+        _, group = connected_components(coo_array((np.ones(len(i)), (i, j)), (count, count)))
+        length = np.array([self.sides[each].length for each in self.users])
+        mean = np.bincount(group, length) / np.bincount(group)
+        return mean[group[i]].reshape(-1, 2)
 
     @cached_property
     def family(self) -> NDArray[np.intp]:
@@ -258,8 +290,7 @@ class Blocks:
 
     def is_wall(self, block: int, k: int) -> bool:
         """Whether lines end at side k of a block."""
-        p, q = (int(self.blocks[block][end]) for end in ENDS[k])
-        key = min(p, q), max(p, q)
+        key = self.keys(block)[k]
         return len(self.users[key]) == 1 or key in self.broken
 
 

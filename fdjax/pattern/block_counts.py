@@ -19,8 +19,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fdjax.errors import InputError
-from fdjax.grid.algebraic import Transfinite
-from fdjax.grid.base import Sides, Tangents, norm, tangents
+from fdjax.grid.base import AbstractGridMap, Tangents, norm, tangents
 from fdjax.limits import Limits
 from fdjax.part.blocks import Blocks
 from fdjax.part.ring import at
@@ -76,7 +75,7 @@ class Demand:
     def of(
         cls,
         blocks: Blocks,
-        sides: Sides,
+        grid: AbstractGridMap,
         target: Target,
         *,
         width: float,
@@ -84,10 +83,12 @@ class Demand:
         stacking: Stacking,
         limits: Limits,
     ) -> "Demand":
-        """Raises `InputError` for a block whose lines cross, and for a target beyond what spacing
+        """`grid`: the blocks' maps, with a leading axis.
+
+        Raises `InputError` for a block whose lines cross, and for a target beyond what spacing
         and span allow.
         """
-        xy, along = _lattice(sides)
+        xy, along = _lattice(grid)
         xy, jacobian = np.asarray(xy), np.asarray(along.jacobian)
         if not (jacobian > 0).all():
             worst = np.unravel_index(jacobian.argmin(), jacobian.shape)
@@ -191,8 +192,6 @@ class Demand:
 
 
 @program
-def _lattice(sides: Sides) -> tuple[Array, Tangents]:
+def _lattice(grid: AbstractGridMap) -> tuple[Array, Tangents]:
     places = jnp.asarray(midpoints(_STRIPS * _FINE))
-    return eqx.filter_vmap(lambda own: tangents(Transfinite(own), places[:, None], places[None]))(
-        sides
-    )
+    return eqx.filter_vmap(lambda own: tangents(own, places[:, None], places[None]))(grid)

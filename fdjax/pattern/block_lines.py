@@ -9,7 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from fdjax.errors import InputError
-from fdjax.keys import Kind, Place, choices, key, pair, points, show, whole
+from fdjax.grid import joined
+from fdjax.grid.algebraic import Transfinite
+from fdjax.keys import FLAG, Kind, Place, choices, key, pair, points, show, whole
 from fdjax.limits import Limits
 from fdjax.part import curve
 from fdjax.part.blocking import blocks_of
@@ -17,13 +19,7 @@ from fdjax.part.blocks import Blocks
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
 from fdjax.pattern.block_counts import Demand
-from fdjax.pattern.block_pattern import (
-    BlockControls,
-    BlockLines,
-    Places,
-    Structure,
-    stacked_sides,
-)
+from fdjax.pattern.block_pattern import BlockControls, BlockLines, Places, Structure
 from fdjax.pattern.map_domain import polygon_of
 from fdjax.pattern.width import free_of
 from fdjax.programs import program
@@ -82,6 +78,7 @@ class Multiblock(AbstractSettings):
         BLOCKS, "corners of the blocks, mm", default=None, shown="found by themselves"
     )
     curves: Any = key(CURVES, "of sides within the part that are not straight, mm", default=[])
+    smooth: bool = key(FLAG, "whether lines run through shared sides without a kink", default=False)
     mode: str = mode_key()
     phases: int = phases_key()
     road_width: float = road_width_key()
@@ -118,10 +115,15 @@ class Multiblock(AbstractSettings):
         else:
             given = [MAKE[shape](xy) for shape, xy in self.curves]
             blocks = Blocks.of(polygon, self.blocks, given)
-        stacking = self.stacking(len(part.slabs))
-        sides, height = stacked_sides(blocks), part.slabs[0].height
+        if self.smooth:
+            # Along lines as the maps have it, so that spacings, too, go on smoothly.
+            lengths = blocks.extents[:, ::-1]
+            blocks, base = joined.smoothed(blocks)
+        else:
+            base, lengths = Transfinite(joined.stacked_sides(blocks)), blocks.lengths
+        stacking, height = self.stacking(len(part.slabs)), part.slabs[0].height
         demand = Demand.of(
-            blocks, sides, target, width=self.road_width, height=height, stacking=stacking,
+            blocks, base, target, width=self.road_width, height=height, stacking=stacking,
             limits=limits,
         )  # fmt: skip
         if self.controls:
@@ -133,8 +135,8 @@ class Multiblock(AbstractSettings):
         count = int(np.clip(np.ceil(SAMPLES * longest / window), 16, 56))
         low, high = np.reshape(polygon.bounds, (2, 2))
         pattern = BlockLines(
-            sides=sides,
-            places=Places.of(blocks),
+            base=base,
+            places=Places.of(blocks, lengths),
             lines=jnp.asarray(lines) * stacking.phases,
             width=self.road_width,
             width_range=limits.road_width,
@@ -144,6 +146,7 @@ class Multiblock(AbstractSettings):
             box=jnp.asarray(np.stack([low, high])),
             structure=structure,
             stacking=stacking,
+            smooth=self.smooth,
         )
         skew = jnp.maximum(0.9, 1.02 * _skew(pattern))
         return eqx.tree_at(lambda p: p.skew_limit, pattern, skew)

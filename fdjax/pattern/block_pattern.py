@@ -11,12 +11,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from fdjax.grid import bspline
-from fdjax.grid.algebraic import Transfinite
-from fdjax.grid.base import AbstractGridMap, Sides, Tangents, norm, tangents
+from fdjax.grid.base import AbstractGridMap, Tangents, norm, tangents
 from fdjax.grid.respaced import Respaced, SpacingField
 from fdjax.grid.spacing import DensitySpacing
 from fdjax.limits import Limits
-from fdjax.part.blocks import Band, Blocks, padded
+from fdjax.part.blocks import Band, Blocks
 from fdjax.pattern.base import AbstractPattern, Penalties
 from fdjax.pattern.block_phases import Beside, Turn, besides, turns
 from fdjax.pattern.block_tracing import edges, squeezed, traced
@@ -79,12 +78,15 @@ class Places(eqx.Module):
     walls: Float[Array, "m 4"]
 
     @classmethod
-    def of(cls, blocks: Blocks) -> "Places":
+    def of(cls, blocks: Blocks, lengths: Floats) -> "Places":
+        """`lengths`: how long the lines of either axis are within each block, (m, 2), mm."""
         count = len(blocks.blocks)
         band, family = np.zeros((2, count, 2), int)
         turned, begin, end = np.zeros((count, 2), bool), *np.zeros((2, count, 2))
         for number, each in enumerate(blocks.bands):
-            reach = np.concatenate([[0.0], np.cumsum([_length(blocks, s) for s in each.stretches])])
+            reach = np.concatenate(
+                [[0.0], np.cumsum([lengths[s.block, s.axis] for s in each.stretches])]
+            )
             reach /= reach[-1]
             for stretch, low, high in zip(each.stretches, reach[:-1], reach[1:], strict=True):
                 at = stretch.block, stretch.axis
@@ -92,22 +94,6 @@ class Places(eqx.Module):
                 begin[at], end[at] = (high, low) if stretch.back else (low, high)
         walls = [[blocks.is_wall(block, k) for k in range(4)] for block in range(count)]
         return cls(*map(jnp.asarray, (band, turned, begin, end, family, np.array(walls, float))))
-
-
-def _length(blocks: Blocks, stretch: Any) -> float:
-    """Mean length of a band's lines within a block, mm."""
-    beside = (3, 1) if stretch.axis == 0 else (0, 2)
-    return float(np.mean([blocks.side(stretch.block, k).length for k in beside]))
-
-
-def stacked_sides(blocks: Blocks) -> Sides:
-    """The sides of all blocks, each curve with a leading axis of blocks."""
-    count = len(blocks.blocks)
-    curves = padded([blocks.side(block, k) for k in range(4) for block in range(count)])
-    return Sides(*(
-        jax.tree.map(lambda *parts: jnp.asarray(np.stack(parts)), *curves[k : k + count])
-        for k in range(0, 4 * count, count)
-    ))  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +128,8 @@ class Realised(NamedTuple):
 class BlockLines(AbstractPattern):
     """Both families of lines of all blocks, laid by `road.stacking`.
 
-    - `sides`: of the blocks, see `stacked_sides`; `places`, `structure`: where lines run.
+    - `base`: the blocks' maps, their arrays with a leading axis; `smooth`: whether these join
+      without a kink. `places`, `structure`: where lines run.
     - `lines`: of each band in all phases together, real numbers, (bands,).
     - `width`, `width_range`, `height`: of roads and layers, mm.
     - `first`: the controls to start from; `samples`: where design looks, along xi and along eta.
@@ -150,7 +137,7 @@ class BlockLines(AbstractPattern):
     - `box`: lower left and upper right corner around the part.
     """
 
-    sides: Sides
+    base: AbstractGridMap
     places: Places
     lines: Float[Array, " bands"]
     width: float
@@ -163,6 +150,7 @@ class BlockLines(AbstractPattern):
     structure: Structure = eqx.field(static=True, default=Structure((), ()))
     stacking: Stacking = eqx.field(static=True, default=Stacking())
     counts_fixed: bool = eqx.field(static=True, default=False)
+    smooth: bool = eqx.field(static=True, default=False)
 
     def controls(self) -> BlockControls:
         return self.first
@@ -176,9 +164,8 @@ class BlockLines(AbstractPattern):
 
     def grid(self, controls: BlockControls) -> AbstractGridMap:
         """The blocks' maps, with a leading axis."""
-        base = Transfinite(self.sides)
         if controls.spacing is None:
-            return Respaced(base)
+            return Respaced(self.base)
         rows = [
             bspline.closed(own, 0) if band.closed and len(own) > 1 else own
             for own, band in zip(controls.spacing, self.structure.bands, strict=True)
@@ -198,7 +185,7 @@ class BlockLines(AbstractPattern):
             )
             for k in (0, 1)
         ]
-        return Respaced(base, fields[0], fields[1])
+        return Respaced(self.base, fields[0], fields[1], joint=self.smooth)
 
     def counts(self, controls: BlockControls) -> Float[Array, " bands"]:
         """Lines of each band in all phases together, real numbers."""
@@ -366,6 +353,7 @@ class BlockLines(AbstractPattern):
         bands = zip(self.structure.bands, self.whole_counts(controls), strict=True)
         return {
             "kind": "blocks",
+            "smooth": self.smooth,
             "blocks": len(self.places.band),
             "phases": phases,
             "cuts": len(self.structure.cuts),

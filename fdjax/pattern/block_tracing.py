@@ -48,6 +48,7 @@ def squeezed(band: Band, edge: list[Margins], walls: Floats) -> list[tuple[Float
         found.append([margin[::-1] if stretch.back else margin for margin in pair])
     count = len(found)
     ramp = np.maximum(1 - np.linspace(0, 1, len(found[0][0])) / _RAMP, 0.0)
+    ramp = ramp**2 * (3 - 2 * ramp)
     smooth = [[margin.copy() for margin in pair] for pair in found]
     for k in range(count if band.closed else count - 1):
         after = (k + 1) % count

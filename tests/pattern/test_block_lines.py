@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from joins import kinks
 from outlines import OUTLINES
 from shapely import LineString, Polygon, box, points, union_all
 from slopes import assert_slopes
@@ -13,7 +14,9 @@ from fdjax.grid.respaced import SpacingField
 from fdjax.grid.spacing import DensitySpacing
 from fdjax.limits import Limits
 from fdjax.optimise.objective import Objective
+from fdjax.part.blocks import Blocks
 from fdjax.part.contour import circle
+from fdjax.part.curve import spline
 from fdjax.part.part import Part
 from fdjax.pattern.auto import Auto
 from fdjax.pattern.block_lines import Multiblock
@@ -89,15 +92,31 @@ def test_the_deposit_is_what_a_plan_lays(name):
     assert build.volume + build.thinned == pytest.approx(volume, rel=0.01)
 
 
-def test_gradients_agree_with_central_differences():
+@pytest.mark.parametrize("smooth", [False, True])
+def test_gradients_agree_with_central_differences(smooth):
     ring = Polygon(circle((20, 20), 20).exterior, [circle((20, 20), 8).exterior])
     part = Part.plate(ring, layers=10)
     pattern = begun(
-        ring, target=SLOPED, controls=("spacing_field", "width_field"), field_knots=(4, 5)
-    )
+        ring, target=SLOPED, controls=("spacing_field", "width_field"), field_knots=(4, 5),
+        smooth=smooth,
+    )  # fmt: skip
     windows = SoftWindows.over(part, SLOPED.solid, 5.0, flat=True)
     windows = jax.tree.map(lambda value: jnp.asarray(value, jnp.float64), windows)
     assert_slopes(Objective(moved(pattern), windows, SLOPED, LIMITS))
+
+
+def test_smooth_lines_cross_joins_without_a_kink_however_they_are_spaced():
+    quads = [[(0, 0), (26, 0), (34, 30), (0, 30)], [(26, 0), (60, 0), (60, 30), (34, 30)]]
+    bend = [(26, 0), (33, 10), (27, 20), (34, 30)]
+    polygon = box(0, 0, 60, 30)
+    blocks = Blocks.of(polygon, quads, [spline(bend)])
+    most = {}
+    for smooth in (False, True):
+        pattern = moved(begun(polygon, blocks=quads, curves=(("spline", bend),), smooth=smooth))
+        assert pattern.facts(pattern.first)["smooth"] is smooth
+        most[smooth] = kinks(blocks, pattern.grid(pattern.first)).max()
+    assert most[False] > 5
+    assert most[True] < 0.1
 
 
 def test_numbers_of_lines_are_scaled_alike_where_the_mean_is_missed():
