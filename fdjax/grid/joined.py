@@ -43,6 +43,7 @@ TOLERANCE = 1e-10
 """What the mean correction has to come down to, of that of the transfinite lattices."""
 
 MOST_STEPS, HALVINGS = 40, 12
+"""Steps of Newton's method, and how often one is halved at most."""
 
 SLOPES = 0.25, 1.75
 """Least and largest slope of a wall's spacing at its ends."""
@@ -188,8 +189,8 @@ def _goal(r: Floats, first: float) -> float:
 class _System(NamedTuple):
     """Where the entries of the linearised equations stand.
 
-    - `own`: the nodes that move, (M,); `rows`, `columns`: of the entries that `entries` lists,
-      `inner` those of nodes that move.
+    - `own`: the nodes that move, (M,); `rows`, `columns`: of the entries; `inner`: those of nodes
+      that move.
     """
 
     own: NDArray[np.intp]
@@ -218,7 +219,7 @@ class _System(NamedTuple):
         return cls(own, rows, columns, columns >= 0)
 
     def change(self, net: Net, r: Floats) -> Floats:
-        """Newton's step, (M, 2), mm."""
+        """Newton's step, (M, 2), mm; no numbers where there is none."""
         residual, slopes = map(np.asarray, _linearised(r[net.around], net.ratio))
         rhs, entries = [residual.ravel()], [slopes.ravel()]
         for odd in net.odd:
@@ -227,7 +228,11 @@ class _System(NamedTuple):
         size, inner = 2 * len(self.own), self.inner
         places = self.rows[inner], self.columns[inner]
         matrix = coo_array((np.concatenate(entries)[inner], places), (size, size))
-        return -splu(matrix.tocsc(), **ELIMINATION).solve(np.concatenate(rhs)).reshape(-1, 2)
+        try:
+            factors = splu(matrix.tocsc(), **ELIMINATION)
+        except RuntimeError:  # what SciPy raises for a singular matrix
+            return np.full((len(self.own), 2), np.nan)
+        return -factors.solve(np.concatenate(rhs)).reshape(-1, 2)
 
 
 def _evened(nodes: Float[Array, "3 3 2"], ratio: Float[Array, " 2"]) -> Float[Array, "3 3 2"]:

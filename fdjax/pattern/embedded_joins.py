@@ -63,7 +63,8 @@ class Bundles:
     def _end(self, run: Run, across: int) -> float:
         """Where a line ends; at a wall it is the plan that cuts it."""
         place = float(self.net.along[across])
-        return self.net.meeting(run.line, across) if 0 < place < 1 else place
+        at_wall = not self.net.turn and not 0 < place < 1
+        return place if at_wall else self.net.meeting(run.line, across)
 
     def _path(self, run: Run, start: float, stop: float) -> Course:
         low, high = min(start, stop), max(start, stop)
@@ -123,7 +124,13 @@ def bundled(net: Net, base: Sequence[Run], fine: Sequence[Run], clearance: float
     """
     bundles = Bundles(net)
     every = [*base, *fine]
-    free = [run for run in fine if net.along[run.start] > 0 and net.along[run.stop] < 1]
+    if net.turn:
+        # Where a turn begins nothing is joined.
+        free = [run for run in fine if run.start > 0 and run.stop < net.turn]
+        round_again = [run for run in fine if run.stop > net.turn]
+        every += [Run(r.line, r.start - net.turn, r.stop - net.turn) for r in round_again]
+    else:
+        free = [run for run in fine if net.along[run.start] > 0 and net.along[run.stop] < 1]
     spans = sorted({(run.start, run.stop) for run in free}, key=lambda s: (s[0] - s[1], s))
     for start, stop in spans:
         there = sorted(run for run in every if run.start < stop and run.stop > start)
@@ -156,6 +163,8 @@ def _made(
     through = [run for run in lines if _runs_through(run, start, stop)]
     ending = [run for run in lines if (run.start, run.stop) == (start, stop)]
     if len(through) != 1 or len(ending) != 2 or bundles.taken & set(ending):
+        return None
+    if through[0].start < 0:
         return None
     host, low, high = through[0], lines[0].line, lines[-1].line
     for other in bundles.through.get(host, ()):

@@ -21,6 +21,8 @@ class Axis(NamedTuple):
     """Places in the unit square of a phase's lines along one axis, and of what lies between.
 
     - `first`: of the phase's first line; `step`: between its lines; `lines`: of these.
+    - `closed`: whether the axis runs around a ring; `begin`: the line then at which its cells
+      begin, from which places go on beyond 1.
 
     Cells lie between neighbouring lines, and between the outer ones and the walls.
     """
@@ -28,24 +30,38 @@ class Axis(NamedTuple):
     first: float
     step: float
     lines: int
+    closed: bool = False
+    begin: int = 0
 
     @classmethod
-    def of(cls, scan: Scan, comb: int) -> "Axis":
+    def of(cls, scan: Scan, comb: int, *, closed: bool = False) -> "Axis":
         places = scan.places(comb)
-        return cls(float(places[0]), scan.phases / comb, len(places))
+        return cls(float(places[0]), scan.phases / comb, len(places), closed)
 
     @property
     def cells(self) -> int:
-        return self.lines + 1
+        return self.lines if self.closed else self.lines + 1
+
+    @property
+    def before(self) -> int:
+        """Cells before the first line."""
+        return 0 if self.closed else 1
 
     def edges(self, parts: int) -> Floats:
         """Edges of all cells in so many parts, cut off at the walls."""
-        at = np.arange(self.cells * parts + 1) / parts - 1
-        return np.clip(self.first + at * self.step, 0.0, 1.0)
+        at = np.arange(self.cells * parts + 1) / parts - self.before
+        if not self.closed:
+            return np.clip(self.first + at * self.step, 0.0, 1.0)
+        lines = self.first + np.arange(self.lines) * self.step
+        lines = np.concatenate([lines[self.begin :], lines[: self.begin + 1] + 1.0])
+        return np.interp(at, np.arange(self.cells + 1), lines)
 
 
 class Squeeze:
-    """What carries places between the walls to such that keep half a road from them."""
+    """What carries places between the walls to such that keep half a road from them.
+
+    On a ring there are none across eta, whose places may go on beyond 1.
+    """
 
     def __init__(self, edge: Margins) -> None:
         self.run = np.linspace(0, 1, len(edge.left))
@@ -53,6 +69,7 @@ class Squeeze:
         self.bottom, self.top = np.asarray(edge.bottom), np.asarray(edge.top)
 
     def xi(self, u: Floats, v: Floats) -> Floats:
+        v = np.where(v > 1, v - np.floor(v), v)
         left, right = (np.interp(v, self.run, each) for each in (self.left, self.right))
         return u + left - u * (left + right)
 
@@ -71,6 +88,8 @@ class Net:
     - `family`: the layer's; `parts`: of a base cell's side.
     - `at`: places of the lattice's lines across the family; `along`: of those of the other one.
     - `squeeze`: off the walls; `trace`: points and widths of lines (n, points) in xi, eta.
+    - `turn`: where the family's lines are closed, as many lines of `along` as are on a turn: of
+      these there are two turns then. Else 0.
     """
 
     family: str
@@ -79,6 +98,7 @@ class Net:
     along: Floats
     squeeze: Squeeze
     trace: Trace
+    turn: int = 0
 
     def own(self, u: Floats, v: Floats) -> Floats:
         """Where a line at u of the family lies at v along it."""

@@ -210,16 +210,29 @@ def _shared(target: Asked, embedded: Embedded, pattern: GridLines, limits: Limit
 def _between(
     pattern: GridLines, cells: tuple[tuple[int, int], tuple[int, int]], number: int
 ) -> Any:
-    """The outline of cells between lines of a layer, counted from 1; 0 and one more are walls."""
+    """The outline of cells between lines of a layer, counted from 1; 0 and one more are walls.
+
+    Lines across a ring have no walls, and are counted on beyond the last.
+    """
     ranges = []
     for family, (start, stop), comb in zip(FAMILIES, cells, pattern.comb, strict=True):
-        axis = Axis.of(Scan(family, 0, pattern.stacking.phases), int(comb))
-        if not start < stop <= axis.cells:
+        closed = pattern.closed and family == "eta"
+        axis = Axis.of(Scan(family, 0, pattern.stacking.phases), int(comb), closed=closed)
+        edges = axis.edges(1)
+        if closed:
+            # From the first line on, and once more around.
+            edges = np.concatenate([[np.nan], edges, edges[1:] + 1])
+            fits = 0 < start <= axis.cells and start < stop <= start + axis.cells
+            rule = f"begin at 1 to {axis.cells} and go on for a turn of {axis.cells} at most"
+        else:
+            fits = start < stop <= axis.cells
+            rule = f"rise from 0 to {axis.cells}, the walls"
+        if not fits:
             raise InputError(
                 f"embedded: region {number} has cells from {family} line {start} to {stop}; they "
-                f"rise from 0 to {axis.cells}, the walls"
+                f"{rule}"
             )
-        ranges.append(axis.edges(1)[[start, stop]])
+        ranges.append(edges[[start, stop]])
     run = np.linspace(0, 1, 65)
     (a, b), (c, d) = ranges
     u, v = a + (b - a) * run, c + (d - c) * run
@@ -232,4 +245,5 @@ def _between(
 @program
 def _placed(pattern: GridLines, xi: Any, eta: Any) -> Any:
     grid, _, _ = pattern.shape(pattern.first)
-    return grid(jnp.asarray(xi), jnp.asarray(eta))
+    # Cells of a ring may go on beyond 1.
+    return grid(jnp.asarray(xi), jnp.where(eta > 1, eta - jnp.floor(eta), eta))

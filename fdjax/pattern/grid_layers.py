@@ -68,7 +68,7 @@ def layers(pattern: "GridLines", controls: Controls, points: int) -> Iterator[Se
                 trace = partial(along, *shape)
                 own = with_fine(
                     own, pattern.embedded, scan, counts, edge=edge, trace=trace,
-                    joined=pattern.joined,
+                    joined=pattern.joined, closed=pattern.closed,
                 )  # fmt: skip
             made[scan] = own
         yield [made[scan] for scan in layer]

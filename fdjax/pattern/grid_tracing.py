@@ -60,6 +60,10 @@ def along(
 def _batch(grid: AbstractGridMap, width: AbstractWidth, xi: Any, eta: Any) -> tuple[Array, Array]:
     """Points of lines, and the widths between them."""
     middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
+    # Lines around a ring may go on beyond 1.
+    eta, middle_eta = (
+        jnp.where(each > 1, each - jnp.floor(each), each) for each in (eta, middle_eta)
+    )
     return grid(xi, eta), width(middle_xi, middle_eta)
 
 

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
-from shapely import Point, Polygon
+from shapely import LinearRing, Point, Polygon
 
 from fdjax.errors import InputError
 from fdjax.grid import conformal, ring_chart
@@ -39,6 +39,14 @@ class Domain:
     disc: bool = False
     base: AbstractGridMap | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def covered(self) -> Polygon:
+        """What the map covers, less what is cut out."""
+        if not self.closed or self.disc:
+            return self.cut_out
+        hole = LinearRing(self.sides.left.polyline())
+        return Polygon(self.cut_out.exterior, [*self.cut_out.interiors, hole])
 
     @cached_property
     def lengths(self) -> tuple[float, float]:

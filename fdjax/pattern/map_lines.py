@@ -171,8 +171,8 @@ class MapLines(AbstractSettings):
             raise InputError(f'spiral: map "{self.map}" has no closed lines')
         if self.map in CLOSED and self.solver != "newton":
             raise InputError(f'solver: map "{self.map}" is solved by "newton" only')
-        if self.embedded and self.map in CLOSED:
-            raise InputError(f'embedded: map "{self.map}" is a ring; four sides are needed')
+        if self.embedded and self.spiral:
+            raise InputError("embedded: a spiral has no cells; leave spiral or embedded out")
 
     @property
     def corrections(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -211,7 +211,12 @@ class MapLines(AbstractSettings):
 
         if not self.embedded:
             return base(target)
-        return embed(self.embedded, base, target, domain.cut_out, limits, window)
+        if domain.disc:
+            raise InputError(
+                "embedded: a disc has no cells in its middle, where rays end by halves; give the "
+                "part a hole, or leave embedded out"
+            )
+        return embed(self.embedded, base, target, domain.covered, limits, window)
 
     def _begun(
         self,

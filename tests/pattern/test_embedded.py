@@ -3,11 +3,12 @@
 from itertools import combinations
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import shapely
-from shapely import box
+from shapely import Polygon, box
 from slopes import assert_slopes
 
 from fdjax.errors import InputError
@@ -138,6 +139,95 @@ def test_the_base_stays_as_it_is():
         assert any(np.array_equal(line, other) for other in xi.xy if len(other) == len(line))
 
 
+RING, AROUND = (
+    Polygon(circle((0, 0), outer).exterior, [circle((0, 0), inner).exterior])
+    for outer, inner in ((30, 10), (24, 16))
+)
+RING_ZONES = {
+    "nested over the seam": (Wanted(2, box(13, -14, 28, 16)), Wanted(2, box(16, -5, 24, 6))),
+    "away from it": (Wanted(3, box(-26, -8, -13, 9)),),
+    "around": (Wanted(2, AROUND),),
+    "around, and across it": (Wanted(2, AROUND), Wanted(2, box(12, -12, 28, 12))),
+    "everywhere": (Wanted(2, circle((0, 0), 31)),),
+}
+
+
+def ring_begun(*wanted, **settings):
+    given = {"map": "polar", "lines": (7, 36), "mode": "alternate-staggered", "phases": 2}
+    return begun(*wanted, part=RING, **{**given, **settings})
+
+
+@pytest.mark.parametrize("wanted", RING_ZONES.values(), ids=RING_ZONES)
+def test_on_rings_no_roads_cross_or_touch_and_all_stay_inside(wanted):
+    pattern = ring_begun(*wanted, layers=4)
+    for layer in laid(pattern, RING).layers:
+        courses = [shapely.LineString(road.path) for road in layer.roads]
+        assert all(course.is_simple for course in courses)
+        for a, b in combinations(courses, 2):
+            assert a.distance(b) > 0.9 * 0.4
+        assert shapely.union_all(courses).within(RING.buffer(-0.19))
+
+
+def test_on_rings_fine_lines_lie_between_lines_that_a_design_has_moved():
+    pattern = ring_begun(
+        *RING_ZONES["nested over the seam"], layers=4, controls=("spacing_field", "width_field")
+    )
+    rng = np.random.default_rng(0)
+    change = jax.tree.map(lambda c: 0.08 * rng.normal(size=c.shape), pattern.first)
+    moved = pattern.at(jax.tree.map(lambda c, d: c + jnp.asarray(d), pattern.first, change))
+    for layer in laid(moved, RING).layers:
+        courses = [shapely.LineString(road.path) for road in layer.roads]
+        assert all(course.is_simple for course in courses)
+        assert min(a.distance(b) for a, b in combinations(courses, 2)) > 0.3
+
+
+@pytest.mark.parametrize("first", [3, 46])
+def test_on_rings_fine_lines_are_as_long_as_the_cells_they_divide_over_the_seam_too(first):
+    wanted = Wanted(2, cells=((3, 7), (first, first + 10)))
+    settings = {"lines": (10, 50), "mode": "both"}
+    plain, fine = (ring_begun(*w, layers=1, **settings) for w in ((), (wanted,)))
+    ((base, rays),), ((xi, eta),) = (list(p.strokes(p.first)) for p in (plain, fine))
+    assert len(xi.xy) == len(base.xy) + 4
+    assert len(eta.xy) == len(rays.xy) + 10
+    step = (30 - 10 - 0.4) / 10
+    radii = 10.2 + step * (np.arange(3, 7))
+    arcs = sorted((xy for xy in xi.xy if (xy[0] != xy[-1]).any()), key=lambda xy: np.hypot(*xy[0]))
+    for xy, radius in zip(arcs, radii, strict=True):
+        np.testing.assert_allclose(np.hypot(*xy.T), radius, atol=1e-6)
+        turn = np.unwrap(np.arctan2(*xy.T[::-1]))
+        assert turn[-1] - turn[0] == pytest.approx(2 * np.pi * 10 / 50)
+    short = [xy for xy in eta.xy if np.ptp(np.hypot(*xy.T)) < 15]
+    assert len(short) == 10
+    for xy in short:
+        np.testing.assert_allclose(np.hypot(*xy[[0, -1]].T), 10.2 + step * np.array([2.5, 6.5]))
+
+
+def test_circles_of_a_zone_all_around_are_closed():
+    fine = ring_begun(*RING_ZONES["around"], layers=2)
+    (xi,), _ = fine.strokes(fine.first)
+    assert all((xy[0] == xy[-1]).all() for xy in xi.xy)
+    (base,), _ = ring_begun().strokes(ring_begun().first)
+    assert len(xi.xy) > len(base.xy)
+
+
+@pytest.mark.parametrize("name", ["nested over the seam", "around"])
+def test_on_rings_the_model_has_what_is_laid(name):
+    pattern = ring_begun(*RING_ZONES[name], layers=20, phases=5, lines=(9, 45))
+    deposit = pattern.deposit(pattern.realise(pattern.first))
+    build = laid(pattern, RING)
+    assert build.volume == pytest.approx(float(deposit.volume.sum()), rel=0.015)
+
+
+RING_STEP = Target(lambda x, y: 0.86 - 0.16 * ((abs(x - 20) < 6) & (abs(y) < 8)))
+
+
+def test_on_rings_zones_lie_where_the_target_asks():
+    found = ring_begun(Wanted(2), target=RING_STEP, controls=("spacing",), lines=None)
+    (zone,) = found.embedded.zones
+    asked = box(14, -8, 26, 8)
+    assert zone.outline.symmetric_difference(asked).area < 0.3 * asked.area
+
+
 @pytest.mark.parametrize("mode", ["alternate-staggered", "both-staggered"])
 @pytest.mark.parametrize("name", ["nested", "at walls", "everywhere"])
 def test_the_model_has_what_is_laid(name, mode):
@@ -193,7 +283,21 @@ def test_zones_lie_where_the_target_asks_and_nowhere_if_the_base_can():
         ((Wanted(8, box(5, 5, 50, 35)),), {"lines": (60, 40)}, "refine by 2 at most"),
         ((Wanted(8, box(5, 5, 50, 35)),) * 3, {}, "more than 64 parts"),
         ((Wanted(2, cells=((3, 20), (2, 4))),), {}, "xi line 3 to 20; they rise from 0 to 17"),
-        ((Wanted(2, box(5, 5, 50, 35)),), {"map": "polar"}, "four sides are needed"),
+        (
+            (Wanted(2, box(5, 5, 50, 35)),),
+            {"map": "polar", "spiral": True},
+            "a spiral has no cells",
+        ),
+        (
+            (Wanted(2, box(5, 5, 9, 9)),),
+            {"map": "polar", "part": circle((0, 0), 20)},
+            "a disc has no cells",
+        ),
+        (
+            (Wanted(2, cells=((1, 3), (0, 3))),),
+            {"map": "polar", "part": RING, "lines": (8, 40)},
+            "eta line 0 to 3; they begin at 1 to 40",
+        ),
     ],
 )
 def test_what_cannot_be_embedded_is_said_in_one_line(wanted, settings, error):
