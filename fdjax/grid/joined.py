@@ -7,7 +7,8 @@ even steps by the parabola through them. At a corner of three blocks, or of five
 plane has a cone, and the map there is a power of it, of which the corner is the mean of the nodes
 next to it.
 
-Newton's method, with the sparse elimination of SciPy: solved once, outside of gradients.
+Newton's method, with SciPy's sparse elimination, which is kept near the solution: solved once,
+outside of gradients.
 """
 
 import math
@@ -44,6 +45,9 @@ TOLERANCE = 1e-10
 
 MOST_STEPS, HALVINGS = 40, 12
 """Steps of Newton's method, and how often one is halved at most."""
+
+STALE = 0.1
+"""An elimination is kept while a step brings the correction down to less than this share."""
 
 SLOPES = 0.25, 1.75
 """Least and largest slope of a wall's spacing at its ends."""
@@ -167,9 +171,12 @@ def _newton(net: Net, r: Floats) -> Joined:
     first = size = _size(net, r)
     goal = _goal(r, first)
     folded = bool(_folded(r[net.index]))
-    steps = 0
+    steps, factors = 0, None
     while size > goal and steps < MOST_STEPS:
-        change = system.change(net, r)
+        fresh = factors is None
+        if factors is None:
+            factors = system.eliminated(net, r)
+        change = system.change(factors, net, r)
         for halving in range(HALVINGS + 1):
             trial = r.copy()
             trial[system.own] += 0.5**halving * change
@@ -177,7 +184,12 @@ def _newton(net: Net, r: Floats) -> Joined:
             if now < size and (folded or not folds):
                 break
         else:
-            break
+            if fresh:
+                break
+            factors = None
+            continue
+        # An elimination serves as long as it does about as well as the next one would.
+        factors = factors if now < STALE * size else None
         r, size, folded, steps = trial, now, folds, steps + 1
     return Joined(r, net, steps, (first, size))
 
@@ -218,20 +230,24 @@ class _System(NamedTuple):
         rows, columns = (np.concatenate([part[k].ravel() for part in parts]) for k in (0, 1))
         return cls(own, rows, columns, columns >= 0)
 
-    def change(self, net: Net, r: Floats) -> Floats:
-        """Newton's step, (M, 2), mm; no numbers where there is none."""
-        residual, slopes = map(np.asarray, _linearised(r[net.around], net.ratio))
-        rhs, entries = [residual.ravel()], [slopes.ravel()]
-        for odd in net.odd:
-            rhs.append(odd.off(r))
-            entries.append(np.repeat([-1.0, *odd.weights], 2))
+    def eliminated(self, net: Net, r: Floats) -> Any:
+        """The linearised equations, eliminated; `None` where they are singular."""
+        entries = [np.asarray(_slopes(r[net.around], net.ratio)).ravel()]
+        entries += [np.repeat([-1.0, *odd.weights], 2) for odd in net.odd]
         size, inner = 2 * len(self.own), self.inner
         places = self.rows[inner], self.columns[inner]
         matrix = coo_array((np.concatenate(entries)[inner], places), (size, size))
         try:
-            factors = splu(matrix.tocsc(), **ELIMINATION)
+            return splu(matrix.tocsc(), **ELIMINATION)
         except RuntimeError:  # what SciPy raises for a singular matrix
+            return None
+
+    def change(self, factors: Any, net: Net, r: Floats) -> Floats:
+        """Newton's step, (M, 2), mm; no numbers where there is none."""
+        if factors is None:
             return np.full((len(self.own), 2), np.nan)
+        rhs = [np.asarray(_residuals(r[net.around], net.ratio)).ravel()]
+        rhs += [odd.off(r) for odd in net.odd]
         return -factors.solve(np.concatenate(rhs)).reshape(-1, 2)
 
 
@@ -250,10 +266,11 @@ def _residual(nodes: Float[Array, "3 3 2"], ratio: Float[Array, " 2"]) -> Float[
     return winslow.residual(_evened(nodes, ratio), NONE)[0, 0]
 
 
-@jax.jit
-def _linearised(nodes: Float[Array, "N 3 3 2"], ratio: Float[Array, "N 2"]) -> tuple[Array, Array]:
-    """Residuals (N, 2) and their derivatives by the nodes around, (N, 2, 3, 3, 2)."""
-    return jax.vmap(_residual)(nodes, ratio), jax.vmap(jax.jacrev(_residual))(nodes, ratio)
+_residuals = jax.jit(jax.vmap(_residual))
+"""Of nodes (N, 3, 3, 2) and ratios (N, 2), (N, 2)."""
+
+_slopes = jax.jit(jax.vmap(jax.jacrev(_residual)))
+"""And their derivatives by the nodes around, (N, 2, 3, 3, 2)."""
 
 
 @jax.jit
