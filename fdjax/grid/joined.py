@@ -37,6 +37,7 @@ from fdjax.part.blocks import ENDS, Blocks, padded
 from fdjax.part.curve import spline
 from fdjax.part.ring import at
 from fdjax.precision import require_float64
+from fdjax.programs import program
 
 Floats = NDArray[np.float64]
 
@@ -160,7 +161,7 @@ def wall_spacings(blocks: Blocks) -> Spacings:
     return Spacings(*(SlopedSpacing(slopes[:, k, 0], slopes[:, k, 1]) for k in range(4)))
 
 
-@eqx.filter_jit
+@program
 def _started(sides: Sides, spacings: Spacings, n: int) -> Float[Array, "m n n 2"]:
     run = jnp.linspace(0, 1, n)
     return jax.vmap(lambda *own: Transfinite(*own)(run[:, None], run[None]))(sides, spacings)
