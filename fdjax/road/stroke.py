@@ -55,6 +55,7 @@ class Graph:
     - `family`: a name that is neither "" nor a family of lines: roads of a graph meet in its nodes.
     - `material`: number of the material or tool.
     - `margin`: what edges keep from the walls beside half a road's width, mm.
+    - `crossing`: whether roads may run across each other in nodes; else they touch there at most.
     """
 
     xy: Floats
@@ -63,6 +64,7 @@ class Graph:
     family: str
     material: int = 0
     margin: float = 0.0
+    crossing: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,7 @@
 """Graphs as roads: each edge once, cut at the walls, with little travel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -10,10 +12,11 @@ from scipy.spatial import Delaunay
 from fdjax.errors import InputError
 from fdjax.limits import Limits
 from fdjax.plan.check import check
+from fdjax.plan.euler import trails
 from fdjax.plan.order import order_roads
 from fdjax.plan.pairing import pairs
 from fdjax.plan.toolpath import Build, Layer, Road
-from fdjax.plan.trail import lay_graph, trails
+from fdjax.plan.trail import lay_graph
 from fdjax.road.stroke import Graph
 
 HOLED = shapely.Point(0, 0).buffer(20).difference(shapely.Point(6, 3).buffer(5))
@@ -83,6 +86,83 @@ def test_straight_on_where_that_is_possible():
         turns += int(((step[1:] * step[:-1]).sum(1) < 0.5).sum())
     # The rim turns at its corners, and where it takes up what would be a road by itself.
     assert turns <= 12
+
+
+def apart(roads, off):
+    """The roads with each of their nodes cut off, and their ends: lines that share no point, unless
+    roads cross, or share more than a node.
+    """
+    lines = []
+    for path, closed in roads:
+        step = np.diff(path, axis=0)
+        away = off * step / np.hypot(*step.T)[:, None]
+        cut = np.stack([path[:-1] + away, path[1:] - away], 1).reshape(-1, 2)
+        lines.append(shapely.LinearRing(cut) if closed else shapely.LineString(cut))
+    return lines
+
+
+def met(lines):
+    """How many pairs of the lines share a point, or one has a point twice."""
+    pairs = shapely.STRtree(lines).query(lines, predicate="intersects")
+    return (pairs[0] < pairs[1]).sum() + (~shapely.is_simple(lines)).sum()
+
+
+def as_lines(xy, found):
+    return [(xy[[*path, path[0]] if closed else path], closed) for path, _, closed in found]
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), count=st.integers(5, 60), share=st.floats(0.3, 1.0))
+def test_roads_that_may_not_cross_touch_in_nodes_at_most(seed, count, share):
+    rng = np.random.default_rng(seed)
+    xy, edges = triangles(count, seed)
+    edges = edges[rng.random(len(edges)) < share]
+    off = 0.01 * np.hypot(*np.diff(xy[edges], axis=1)[:, 0].T).min(initial=1.0)
+    found = trails(xy, edges, crossing=False)
+    assert sorted(edge for _, own, _ in found for edge in own) == list(range(len(edges)))
+    assert met(apart(as_lines(xy, found), off)) == 0
+    # Nothing travels more for it: as many roads as with crossings.
+    free = trails(xy, edges)
+    odd = int((np.bincount(edges.ravel(), minlength=1) % 2).sum())
+    assert sum(not closed for *_, closed in found) == odd // 2
+    assert sum(closed for *_, closed in found) == sum(closed for *_, closed in free)
+
+
+def test_the_look_for_crossings_finds_them():
+    xy, edges = triangles(60)
+    assert met(apart(as_lines(xy, trails(xy, edges)), 1e-3)) > 20
+    star = np.array([(0.0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)])
+    spokes = np.array([(0, 1), (0, 2), (0, 3), (0, 4)])
+    assert met(apart(as_lines(star, trails(star, spokes)), 1e-3)) == 1
+    found = trails(star, spokes, crossing=False)
+    assert met(apart(as_lines(star, found), 1e-3)) == 0
+    assert len(found) == 2
+
+
+def test_roads_of_a_mesh_in_a_disc_with_a_hole_may_be_kept_from_crossing():
+    xy, edges = triangles(220)
+    free, kept = (
+        lay_graph(replace(graph(xy, edges), crossing=crossing), HOLED).roads
+        for crossing in (True, False)
+    )
+    assert sum(road.length for road in kept) == pytest.approx(sum(road.length for road in free))
+
+    def crossed(roads):
+        return met(apart([(road.path, road.closed) for road in roads], 1e-3))
+
+    assert crossed(kept) == 0
+    assert crossed(free) > 100
+    travel = [Layer(0.2, 0.2, roads, HOLED).travel for roads in (free, kept)]
+    assert travel[1] < 1.3 * travel[0]
+    # Of six edges two go straight on and the others turn back to their neighbours.
+    steps = [np.diff(road.path, axis=0) for road in kept]
+    turns = np.concatenate(
+        [
+            (step[1:] * step[:-1]).sum(1) / np.hypot(*step[1:].T) / np.hypot(*step[:-1].T)
+            for step in steps
+        ]
+    )
+    assert (turns > 0.8).mean() > 0.2
 
 
 def test_a_mesh_is_cut_at_the_walls_of_a_disc_with_a_hole():
