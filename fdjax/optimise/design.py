@@ -74,8 +74,13 @@ class Design:
             windows: SoftWindows = jax.device_get(self.objective.windows)
             used = windows.room > LEAST_WINDOW * windows.full
             asked = np.where(used, windows.target, np.nan)
-            steps = [np.diff(asked, axis=axis) for axis in range(3)]
-            steepest = max(float(np.nanmax(np.abs(step), initial=0.0)) for step in steps)
+            half = windows.steps // 2, windows.steps // 2, 1
+            rises = [
+                asked.take(range(k, asked.shape[axis]), axis)
+                - asked.take(range(asked.shape[axis] - k), axis)
+                for axis, k in enumerate(half)
+            ]
+            steepest = max(float(np.nanmax(np.abs(rise), initial=0.0)) for rise in rises)
             if steepest > STEEP:
                 found.append(
                     f"a target that changes by {steepest:.2g} within {windows.size / 2:g} mm"
@@ -185,7 +190,13 @@ def design(
     part = part if isinstance(part, Part) else Part.plate(part)
     target = target if isinstance(target, Target) else Target(target)
     limits = limits if span_limit else replace(limits, longest_span=np.inf)
-    windows = SoftWindows.over(part, target.solid, window, flat=target.is_flat_over(part))
+    windows = SoftWindows.over(
+        part,
+        target.solid,
+        window,
+        flat=target.is_flat_over(part),
+        steps=pattern.window_steps,
+    )
     if not (windows.room > LEAST_WINDOW * windows.full).any():
         raise InputError(f"window: none of {window:g} mm is half inside; ask for a smaller one")
     # As arrays, so that other numbers do not compile anew.
@@ -245,26 +256,34 @@ def _in_rounds(
     """Optimise the problem's pattern from its own controls, mend it and go on from there, as long
     as there is something to mend and that gains; in so many steps together.
 
-    Returns the pattern at what was found, and the outcome there.
+    Returns the pattern at the best that was found, and the outcome there: mended once more unless
+    that loses as much as a round has to gain.
     """
-    now, spent, seconds, before, converged = problem.pattern, 0, 0.0, np.inf, False
+    now, best, spent, seconds = problem.pattern, None, 0, 0.0
     gain = PATIENCE[True] if patience is None else patience
+
+    def round_of(now: AbstractPattern, left: int | None) -> Outcome:
+        own = eqx.tree_at(lambda o: o.pattern, problem, now)
+        return optimise(own, now.controls(), steps=left, patience=patience, progress=progress)
+
     while True:
-        problem = eqx.tree_at(lambda o: o.pattern, problem, now)
-        left = None if steps is None else max(steps - spent, 0)
-        outcome = optimise(
-            problem, now.controls(), steps=left, patience=patience, progress=progress
-        )
+        outcome = round_of(now, None if steps is None else steps - spent)
         spent, seconds = spent + outcome.steps, seconds + outcome.seconds
         now = now.at(outcome.controls)
+        least = np.inf if best is None else best[1].objective
+        if best is None or outcome.objective < least:
+            best = now, outcome
         mended = now.mended()
-        converged = outcome.converged if outcome.steps else converged
-        if mended is now or not outcome.steps:
-            return now, outcome._replace(steps=spent, seconds=seconds, converged=converged)
-        if outcome.error > (1 - gain) * before:
-            # What was mended last is only looked at.
-            steps = spent
-        now, before = mended, outcome.error
+        if mended is now or spent == steps or not outcome.objective < (1 - gain) * least:
+            break
+        now = mended
+    now, outcome = best
+    mended = now.mended()
+    if mended is not now:
+        seen = round_of(mended, 0)
+        if seen.objective <= (1 + gain) * outcome.objective:
+            now, outcome = mended, seen._replace(converged=outcome.converged)
+    return now, outcome._replace(steps=spent, seconds=seconds)
 
 
 def _finished(

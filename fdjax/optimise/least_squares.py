@@ -45,7 +45,8 @@ class Progress(NamedTuple):
 class Outcome(NamedTuple):
     """What an optimisation came to.
 
-    - `controls`: the best found; `error`: RMS error of porosity in the model there.
+    - `controls`: the best found; `error`: RMS error of porosity in the model there; `objective`:
+      root of the objective.
     - `steps`: evaluations; `converged`: whether it stopped because nothing moved any more.
     - `penalty`: root of the penalties' sum of squares, 0 where all limits are kept.
     - `seconds`: the first step's compiling included.
@@ -53,6 +54,7 @@ class Outcome(NamedTuple):
 
     controls: Any
     error: float
+    objective: float
     penalty: float
     steps: int
     converged: bool
@@ -228,16 +230,15 @@ def optimise(
     problem = _Problem(objective, controls, many)
     free = jax.device_put(np.zeros(free.size)) if many else free
     if steps < 1:
-        error, _, penalty, *_ = map(float, _looked_at(free, problem))
-        return Outcome(controls, error, penalty, 0, False, time.perf_counter() - began)
+        found = _found(_looked_at(free, problem))
+        return Outcome(controls, *found, 0, False, time.perf_counter() - began)
     numbers = _start(free, problem)
-    done, stopped, count, rejected, error, penalty, begun = False, False, 0, 0, 0.0, 0.0, np.inf
+    done, stopped, count, rejected, begun = False, False, 0, 0, np.inf
+    error, value, penalty = 0.0, 0.0, 0.0
     while not done and count < steps:
         free, numbers, sizes, stopped = _step(free, problem, numbers)
         count += 1
-        sizes = np.asarray(sizes)
-        error, _, penalty, *_ = map(float, sizes)
-        value = float(np.sqrt((sizes**2).sum()))
+        error, value, penalty = _found(sizes)
         if value < min(gained, default=np.inf):
             gained.append(value)
             rejected = 0
@@ -256,4 +257,10 @@ def optimise(
     # Where nothing was ever gained the trials failed: that is no convergence.
     converged = done and (bool(stopped) or len(gained) > 1)
     spent = time.perf_counter() - began
-    return Outcome(_controls(free, problem), error, penalty, count, converged, spent)
+    return Outcome(_controls(free, problem), error, value, penalty, count, converged, spent)
+
+
+def _found(of_kinds: Array) -> tuple[float, float, float]:
+    """Error, root of the objective and penalty, from the size of each kind of residual."""
+    sizes = np.asarray(of_kinds)
+    return float(sizes[0]), float(np.sqrt((sizes**2).sum())), float(sizes[2])

@@ -14,7 +14,7 @@ from fdjax.road.deposit import Deposit
 from fdjax.road.window import SoftWindows
 
 jax.tree_util.register_dataclass(
-    SoftWindows, ["size", "start", "room", "target", "full", "total"], []
+    SoftWindows, ["size", "start", "room", "target", "full", "total"], ["steps"]
 )
 
 MARGIN = 0.01
@@ -93,9 +93,7 @@ class Objective(eqx.Module):
         error = jnp.sqrt(share / share.sum()) * (got / room - windows.target)
         if self.pattern.mean_by_count:
             return error.ravel(), ()
-        # Overlapping windows hold the part four times, or eight times where they follow along z.
-        times = 4 if windows.room.shape[2] == 1 else 8
-        whole = (deposit.volume.sum() - windows.total) * times / windows.room.sum()
+        whole = (deposit.volume.sum() - windows.total) * windows.times / windows.room.sum()
         return error.ravel(), (WHOLE * whole,)
 
     @staticmethod

@@ -191,6 +191,11 @@ class AbstractSettings:
         return False
 
     @property
+    def window_steps(self) -> int:
+        """Windows of a design to a window's side, even: their edges rise over one such step."""
+        return 2
+
+    @property
     def width_is_free(self) -> bool:
         """Whether the design changes road widths."""
         return bool({"width", "width_field"} & set(self.controls))

@@ -1,8 +1,9 @@
 """Edges of meshes as roads: the nodes of several meshes, one a layer, are the controls.
 
 The deposit is that of the edges themselves, cut at the walls: nothing is a mean but the layers, and
-the nodes move until it is right. Meshes that were made for a target are joined anew, as Delaunay's
-triangles, where nodes have moved; how those that were given are joined stays as it is.
+the nodes move until it is right. Where Voronoi's polygons are laid, meshes that were made for a
+target are joined anew, as Delaunay's triangles, where nodes have moved; others stay joined as they
+are, for a flip of theirs moves a road at once, and a design gains nothing by it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -137,7 +138,8 @@ class MeshPattern(AbstractPattern):
     - `rim`: of polygons, the roads along the walls, and those that are laid there as such.
     - `kind`: what is laid, as the settings name it; `polygons`: whether faces are laid and not
       edges; `ringed`: whether a road is laid along each wall; `flips`: whether nodes are joined
-      anew where they have moved; `notes`: what was found in given meshes, in words.
+      anew where they have moved; `crossing`: whether roads may cross in nodes; `notes`: what was
+      found in given meshes, in words.
     """
 
     first: Array
@@ -165,6 +167,7 @@ class MeshPattern(AbstractPattern):
     ringed: bool = eqx.field(static=True)
     flips: bool = eqx.field(static=True)
     moving: bool = eqx.field(static=True)
+    crossing: bool = eqx.field(static=True)
     notes: tuple[str, ...] = eqx.field(static=True)
 
     def controls(self) -> Any:
@@ -363,7 +366,14 @@ class MeshPattern(AbstractPattern):
         kind = Polygons if self.polygons else Graph
         # A plan keeps half the widest road from the walls by itself.
         margin = max(self.margin - float(width.max()) / 2, 0.0)
-        graph = kind(xy[nodes], number.reshape(-1, 2), width, FAMILY, margin=margin)
+        graph = kind(
+            xy[nodes],
+            number.reshape(-1, 2),
+            width,
+            FAMILY,
+            margin=margin,
+            crossing=self.crossing,
+        )
         return [Rings(self.width, RING), graph] if self.ringed else [graph]
 
     def facts(self, controls: Any) -> dict[str, Any]:

@@ -1,8 +1,8 @@
 """Windows with soft edges, for a porosity that can be differentiated.
 
 Measuring counts with sharp windows (`plan.measure`); a road that slides over a sharp edge makes a
-jump there, so design counts with edges that rise over half a window. The windows overlap by half
-along each axis: no design is fitted to the place of the measuring windows.
+jump there, so design counts with edges that rise over half a window, or less. The windows overlap
+by all but as much along each axis: no design is fitted to the place of the measuring windows.
 """
 
 from collections.abc import Callable
@@ -25,10 +25,12 @@ _JUMP, _MANY = 0.02, 16
 
 @dataclass(frozen=True, eq=False)
 class SoftWindows:
-    """A lattice of soft windows over a part, every half a size along x and y, and along z.
+    """A lattice of soft windows over a part, `steps` to a size along x and y, two along z.
+
+    Edges rise over one such step.
 
     - `size`: side of a window between the middles of its edges, mm.
-    - `start`: middle of the first window, shape (3,), mm: the corner of the part's box.
+    - `start`: corner of the part's box, shape (3,), mm; the first window reaches one step into it.
     - `room`: volume of the part in each window, shape (nx, ny, nz), mm^3.
     - `target`: mean solid share asked for in each window, shape (nx, ny, nz); 0 without room.
     - `full`: the most that a window can hold of a part of this height, mm^3.
@@ -44,6 +46,7 @@ class SoftWindows:
     target: Floats
     full: float
     total: float
+    steps: int = 2
 
     @classmethod
     def over(
@@ -53,6 +56,7 @@ class SoftWindows:
         size: float,
         *,
         flat: bool,
+        steps: int = 2,
     ) -> "SoftWindows":
         """Windows of side `size` (mm) over a part; `solid(x, y, z)` is the solid share asked.
 
@@ -63,11 +67,12 @@ class SoftWindows:
         """
         fine = 16 if flat else 8
         low, high = np.array([*part.bounds[:2], 0.0]), np.array([*part.bounds[2:], part.height])
-        count = np.maximum(np.ceil((high - low) * 2 / size - 1e-6).astype(int), 1) + 1
+        along = np.array([steps, steps, 2])
+        count = np.maximum(np.ceil((high - low) * along / size - 1e-6).astype(int), 1) + along - 1
         count[2] = 1 if flat else count[2]
         nothing = np.zeros(count)
         full = size**2 * (part.height if flat else min(size, part.height))
-        empty = cls(size, low, nothing, nothing, full, 0.0)
+        empty = cls(size, low, nothing, nothing, full, 0.0, steps)
         (edge_x, x), (edge_y, y) = (
             cells(a, b, size / fine) for a, b in zip(low[:2], high[:2], strict=True)
         )
@@ -86,68 +91,80 @@ class SoftWindows:
             room = room + empty.sums(Raster(*place, volume[..., None]))
             asked = asked + empty.sums(Raster(*place, wanted[..., None]))
             total += float(wanted.sum())
-        return cls(size, low, room, asked / np.maximum(room, 1e-300), full, total)
+        return cls(size, low, room, asked / np.maximum(room, 1e-300), full, total, steps)
+
+    @property
+    def times(self) -> int:
+        """How many windows hold each place."""
+        return self.steps**2 * (1 if self.room.shape[2] == 1 else 2)
 
     def sums(self, deposit: Deposit) -> Any:
         """The volumes of a deposit summed in each window, shape (nx, ny, nz)."""
         nz = self.room.shape[2]
         if isinstance(deposit, Raster):
             x, y, z = (
-                self._shares(places - start, count)
-                for places, start, count in zip(
-                    deposit[:3], self.start, self.room.shape, strict=True
+                self._shares(places - start, count, steps)
+                for places, start, count, steps in zip(
+                    deposit[:3], self.start, self.room.shape, (self.steps, self.steps, 2),
+                    strict=True,
                 )
-            )
+            )  # fmt: skip
             xp = namespace(deposit.volume, x)
             rows = xp.tensordot(x, deposit.volume @ z.T, 1)
             return xp.swapaxes(xp.tensordot(rows, y, ((1,), (1,))), 1, 2)
-        along_z = self._shares(deposit.xyz[:, 2] - self.start[2], nz)
+        along_z = self._shares(deposit.xyz[:, 2] - self.start[2], nz, 2)
         return namespace(deposit.volume).stack(
             [self._sums_of_points(deposit.xyz, deposit.volume * share) for share in along_z], -1
         )
 
     def _sums_of_points(self, xyz: Any, volume: Any) -> Any:
         """The volumes of points summed in windows along x and y, shape (nx, ny)."""
-        # Each window is two by two cells between neighbouring edges, and no two edges' rises
-        # overlap: a point lies in two by two cells. A margin of empty cells surrounds them all.
-        nx, ny = self.room.shape[:2]
-        i, in_x = self._cells_around(xyz[:, 0] - self.start[0], nx - 1)
-        j, in_y = self._cells_around(xyz[:, 1] - self.start[1], ny - 1)
+        # Each window is so many cells between neighbouring edges, and no two edges' rises overlap:
+        # a point lies in two by two cells. A margin of empty cells surrounds them all.
+        steps = self.steps
+        nx, ny = (count + steps - 1 for count in self.room.shape[:2])
+        i, in_x = self._cells_around(xyz[:, 0] - self.start[0], nx, steps)
+        j, in_y = self._cells_around(xyz[:, 1] - self.start[1], ny, steps)
         parts = in_x[:, :, None] * in_y[:, None, :] * volume[:, None, None]
-        place = i[:, :, None] * (ny + 1) + j[:, None, :]
-        size = (nx + 1) * (ny + 1)
+        place = i[:, :, None] * ny + j[:, None, :]
         if namespace(xyz, volume) is np:
-            sums = np.bincount(place.ravel(), parts.ravel(), size)
+            sums = np.bincount(place.ravel(), parts.ravel(), nx * ny)
         else:
-            sums = namespace(parts).zeros(size).at[place.ravel()].add(parts.ravel())
-        sums = sums.reshape(nx + 1, ny + 1)
-        sums = sums[1:] + sums[:-1]
-        return sums[:, 1:] + sums[:, :-1]
+            sums = namespace(parts).zeros(nx * ny).at[place.ravel()].add(parts.ravel())
+        rows = _runs(sums.reshape(nx, ny), steps)
+        return _runs(rows.T, steps).T
 
-    def _shares(self, distance: Any, count: int) -> Any:
+    def _shares(self, distance: Any, count: int, steps: int) -> Any:
         """How much of each of `count` windows along an axis a place has, shape (count, n)."""
         if count == 1:
             return np.ones((1, len(distance)))
         xp = namespace(distance)
-        near, share = self._cells_around(distance, count - 1)
-        cell = xp.arange(count + 1)[:, None, None]
-        in_cells = xp.where(cell == near, share, 0.0).sum(-1)
-        return in_cells[1:] + in_cells[:-1]
+        cells = count + steps - 1
+        near, share = self._cells_around(distance, cells, steps)
+        cell = xp.arange(cells)[:, None, None]
+        return _runs(xp.where(cell == near, share, 0.0).sum(-1), steps)
 
-    def _cells_around(self, distance: Any, cells: int) -> tuple[Any, Any]:
+    def _cells_around(self, distance: Any, cells: int, steps: int) -> tuple[Any, Any]:
         """The cells before and after the nearest edge, shape (n, 2), and the shares in them.
 
-        Cells are numbered from 1. An edge rises over half a window, once continuously
-        differentiable.
+        Of all `cells` along an axis those within the box lie between margins of `steps` - 1. An
+        edge rises over a cell, once continuously differentiable.
         """
         xp = namespace(distance)
-        distance = distance * (2 / self.size)
-        edge = xp.clip(xp.round(distance), 0, cells)
+        within = cells - 2 * (steps - 1)
+        distance = distance * (steps / self.size)
+        edge = xp.clip(xp.round(distance), 0, within)
         rise = xp.clip(distance - edge + 0.5, 0.0, 1.0)
         rise = rise * rise * (3 - 2 * rise)
-        rise = xp.where(edge == 0, 1.0, xp.where(edge == cells, 0.0, rise))
-        cells_around = edge.astype(int)[:, None] + np.arange(2)
+        rise = xp.where(edge == 0, 1.0, xp.where(edge == within, 0.0, rise))
+        cells_around = edge.astype(int)[:, None] + np.arange(2) + steps - 2
         return cells_around, np.array([1.0, 0.0]) + rise[:, None] * np.array([-1.0, 1.0])
+
+
+def _runs(cells: Any, steps: int) -> Any:
+    """Sums of so many rows that follow each other, from each that has so many behind it."""
+    count = len(cells) - steps + 1
+    return sum((cells[k : k + count] for k in range(1, steps)), cells[:count])
 
 
 def _cell_means(

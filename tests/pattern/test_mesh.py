@@ -12,7 +12,9 @@ from fdjax.formats import profile
 from fdjax.limits import Limits
 from fdjax.mesh.given import Given as GivenMesh
 from fdjax.mesh.triangulation import Triangulation
+from fdjax.optimise import design as rounds
 from fdjax.optimise.design import design
+from fdjax.optimise.least_squares import Outcome
 from fdjax.optimise.objective import Objective
 from fdjax.part.part import Part
 from fdjax.pattern.mesh import CELLS, Mesh
@@ -128,15 +130,22 @@ def test_a_disc_with_a_hole_meets_its_target_in_the_roads(cells):
     assert facts["edge_length"][0] > 0.39
 
 
-@pytest.mark.parametrize("cells", CELLS)
+def strayed(pattern):
+    way = np.random.default_rng(1).uniform(-1, 1, (len(pattern.first), 2))
+    return pattern.at(pattern.first + 0.3 * pattern.size[:, None] * way)
+
+
+@pytest.mark.parametrize("cells", ["triangles", "centre-dual", "triangles-and-centre-dual"])
+def test_roads_that_a_flip_would_move_stay_joined(cells):
+    moved = strayed(begun(cells=cells, phases=1))
+    assert moved.mended() is moved
+
+
+@pytest.mark.parametrize("cells", ["voronoi-dual", "triangles-and-voronoi-dual"])
 def test_moved_nodes_are_joined_anew_on_all_sheets_of_a_mesh(cells):
     pattern = begun(cells=cells, phases=2)
     assert pattern.mended() is pattern
-    rng = np.random.default_rng(1)
-    strayed = pattern.first + 0.3 * pattern.size[:, None] * rng.uniform(
-        -1, 1, (len(pattern.first), 2)
-    )
-    moved = pattern.at(strayed)
+    moved = strayed(pattern)
     mended = moved.mended()
     assert mended is not moved
     assert mended.mended() is mended
@@ -159,17 +168,16 @@ def test_moved_nodes_are_joined_anew_on_all_sheets_of_a_mesh(cells):
             assert shared.all()
         dual = ends[0, 0] >= len(nodes)
         np.testing.assert_array_equal(ends, len(nodes) + beside[:, ::-1] if dual else sides)
-    if pattern.dual == "voronoi":
-        excess = mended.penalties(mended.realise(mended.first), MARLIN.limits)["edge"]
-        of_dual = np.asarray(mended.edges.nodes[:, 0]) >= len(nodes)
-        # No edge is turned over: all are further from what is allowed than half a road.
-        assert np.asarray(excess)[of_dual].max() < -0.49
+    excess = mended.penalties(mended.realise(mended.first), MARLIN.limits)["edge"]
+    of_dual = np.asarray(mended.edges.nodes[:, 0]) >= len(nodes)
+    # No edge is turned over: all are further from what is allowed than half a road.
+    assert np.asarray(excess)[of_dual].max() < -0.49
 
 
 def test_meshes_that_are_given_stay_joined_as_they_are():
     nodes = np.array([(0.0, 0), (40, 0), (41, 41), (0, 40)])
     given = GivenMesh.of(nodes, [(0, 1, 2), (0, 2, 3)])
-    pattern = begun(cells="triangles", mesh=(given,))
+    pattern = begun(cells="voronoi-dual", mesh=(given,))
     assert pattern.mended() is pattern
 
 
@@ -204,6 +212,32 @@ def test_a_voronoi_design_ends_with_a_voronoi_diagram():
     assert found.pattern.edges.sides.shape == start.edges.sides.shape
     assert (found.pattern.edges.sides != start.edges.sides).any()
     assert found.outcome.error < 0.01
+
+
+def test_a_round_that_makes_a_design_worse_is_not_what_comes_back(monkeypatch):
+    pattern = begun(cells="triangles", phases=1)
+    problem = Objective(pattern, None, LINEAR, MARLIN.limits)
+    ends, tried = iter([0.3, 0.1, 0.2]), []
+
+    def optimise(own, controls, *, steps, patience, progress):
+        if steps == 0:
+            return Outcome(controls, 1.0, 1.0, 0.0, 0, False, 0.0)
+        tried.append(controls + 1.0)
+        end = next(ends)
+        return Outcome(tried[-1], end, end, 0.0, 4, True, 0.0)
+
+    def mended(self):
+        return self.at(self.first + 10.0)
+
+    monkeypatch.setattr(rounds, "optimise", optimise)
+    monkeypatch.setattr(type(pattern), "mended", mended)
+    found, outcome = rounds._in_rounds(problem, None, 0.1, None)
+    # The third round, and mending the second once more, would lose.
+    assert len(tried) == 3
+    assert outcome.objective == 0.1
+    assert outcome.steps == 12
+    np.testing.assert_array_equal(found.first, tried[1])
+    np.testing.assert_array_equal(outcome.controls, tried[1])
 
 
 def test_cells_hold_what_the_whole_does():

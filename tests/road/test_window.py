@@ -16,17 +16,17 @@ PLATE = shapely.box(2, -1, 32, 21)
 L_SHAPE = shapely.Polygon([(0, 0), (30, 0), (30, 12), (14, 12), (14, 26), (0, 26)])
 RING = shapely.Point(0, 0).buffer(20).difference(shapely.Point(3, 2).buffer(6))
 OVERLAP = 4
-"""Windows that hold each place: two along x, two along y."""
+"""Windows that hold each place, unless there are more steps: two along x, two along y."""
 
 
 def half(x, y):
     return 0.5 + 0 * x
 
 
-def over(outline, solid, size):
+def over(outline, solid, size, steps=2):
     """Windows of a plate one millimetre high, so that volumes are areas."""
     part = Part.plate(outline, layers=1, height=1.0)
-    return SoftWindows.over(part, lambda x, y, z: solid(x, y), size, flat=True)
+    return SoftWindows.over(part, lambda x, y, z: solid(x, y), size, flat=True, steps=steps)
 
 
 def summed(windows, xy, amounts):
@@ -48,23 +48,28 @@ def random_points(outline, count=400, seed=1):
     height=st.floats(5, 50),
     u=st.floats(0, 1),
     v=st.floats(0, 1),
+    steps=st.sampled_from([2, 4, 6]),
 )
-def test_every_place_counts_once_along_each_of_the_overlapping_windows(size, width, height, u, v):
+def test_every_place_counts_once_along_each_of_the_overlapping_windows(
+    size, width, height, u, v, steps
+):
     outline = shapely.box(-3, 4, width - 3, height + 4)
-    windows = over(outline, half, size)
+    windows = over(outline, half, size, steps)
     point = np.array([[-3 + u * width, 4 + v * height]])
     sums = summed(windows, point, np.ones(1))
-    assert sums.sum() == pytest.approx(OVERLAP, rel=1e-9)
+    assert windows.times == steps**2
+    assert sums.sum() == pytest.approx(steps**2, rel=1e-9)
     # Windows a whole size apart share it out among themselves.
-    for i, j in np.ndindex(2, 2):
-        assert sums[i::2, j::2].sum() == pytest.approx(1, rel=1e-9)
+    for i, j in np.ndindex(steps, steps):
+        assert sums[i::steps, j::steps].sum() == pytest.approx(1, rel=1e-9)
     assert sums.min() >= 0
 
 
+@pytest.mark.parametrize("steps", [2, 4])
 @pytest.mark.parametrize("outline", [PLATE, L_SHAPE, RING])
-def test_areas_add_up_to_the_outline(outline):
-    windows = over(outline, half, 5.0)
-    assert windows.room.sum() == pytest.approx(OVERLAP * outline.area, rel=1e-9)
+def test_areas_add_up_to_the_outline(outline, steps):
+    windows = over(outline, half, 5.0, steps)
+    assert windows.room.sum() == pytest.approx(steps**2 * outline.area, rel=1e-9)
     assert windows.total == pytest.approx(0.5 * outline.area, rel=1e-9)
     assert np.allclose(windows.target[windows.room > 0], 0.5)
     assert not windows.target[windows.room == 0].any()
@@ -85,6 +90,24 @@ def test_a_window_inside_has_its_own_area_and_the_linear_target_of_its_middle():
     assert windows.total == pytest.approx(30 * 22 * (0.1 + 0.01 * 17 + 0.005 * 10), rel=1e-12)
 
 
+def test_with_more_steps_windows_are_nearer_to_those_with_sharp_edges():
+    points = random_points(PLATE)
+    amounts = np.ones(len(points))
+    strayed = []
+    for steps in (2, 4, 8):
+        windows = over(PLATE, half, 5.0, steps)
+        nx, ny, _ = windows.room.shape
+        # Middles of the windows: the first holds one step of the part.
+        x, y = ((np.arange(n) + 1) * 5.0 / steps - 2.5 for n in (nx, ny))
+        sharp = (
+            (np.abs(points[:, 0] - 2 - x[:, None]) < 2.5)[:, None]
+            & (np.abs(points[:, 1] + 1 - y[:, None]) < 2.5)
+        ).sum(-1)
+        strayed.append(np.abs(summed(windows, points, amounts) - sharp).mean())
+    # Of random points the share that lies under an edge falls as a root of its width.
+    assert strayed[0] > 1.25 * strayed[1] > 1.25**2 * strayed[2] > 0
+
+
 @pytest.mark.parametrize("at", [0.0, 0.1, 0.15])
 def test_a_step_is_asked_for_where_it_is_and_not_at_the_nearest_cell(at):
     # Cells are 0.3125 mm wide, or, across one more or less of them, one has its middle at 0.
@@ -101,9 +124,10 @@ def test_a_small_outline_has_windows_all_the_same():
     assert windows.room.sum() == pytest.approx(OVERLAP * 2)
 
 
+@pytest.mark.parametrize("steps", [2, 4])
 @pytest.mark.parametrize("outline", [PLATE, RING])
-def test_sums_of_numpy_and_jax_agree(outline):
-    windows = over(outline, half, 6.0)
+def test_sums_of_numpy_and_jax_agree(outline, steps):
+    windows = over(outline, half, 6.0, steps)
     points = random_points(outline)
     amounts = np.random.default_rng(2).uniform(0, 3, len(points))
     exact = summed(windows, points, amounts)
@@ -114,7 +138,7 @@ def test_sums_of_numpy_and_jax_agree(outline):
         exact,
         atol=1e-12,
     )
-    assert exact.sum() == pytest.approx(OVERLAP * amounts.sum())
+    assert exact.sum() == pytest.approx(steps**2 * amounts.sum())
 
 
 TALL = SoftWindows.over(
@@ -122,7 +146,11 @@ TALL = SoftWindows.over(
 )
 
 
-@pytest.mark.parametrize("windows", [over(PLATE, half, 5.0), TALL], ids=["flat", "tall"])
+@pytest.mark.parametrize(
+    "windows",
+    [over(PLATE, half, 5.0), over(PLATE, half, 5.0, 4), TALL],
+    ids=["flat", "steps", "tall"],
+)
 def test_sums_differentiate_as_central_differences_say(windows):
     assert (windows.room.shape[2] > 1) == (windows is TALL)
     rng = np.random.default_rng(3)
