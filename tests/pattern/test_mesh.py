@@ -175,10 +175,10 @@ def test_moved_nodes_are_joined_anew_on_all_sheets_of_a_mesh(cells):
 
 
 def test_meshes_that_are_given_stay_joined_as_they_are():
-    nodes = np.array([(0.0, 0), (40, 0), (41, 41), (0, 40)])
+    nodes = np.array([(0.0, 0), (40, 0), (39, 39), (0, 40)])
     given = GivenMesh.of(nodes, [(0, 1, 2), (0, 2, 3)])
-    pattern = begun(cells="voronoi-dual", mesh=(given,))
-    assert pattern.mended() is pattern
+    moved = strayed(begun(cells="voronoi-dual", mesh=(given,)))
+    assert moved.mended() is moved
 
 
 @pytest.mark.parametrize("cells", ["triangles", "voronoi-dual"])
@@ -247,6 +247,14 @@ def test_cells_hold_what_the_whole_does():
     solid = float(((1 - porosity) * volume).sum() / volume.sum())
     assert solid == pytest.approx(float(LINEAR_VOLUME / (shapely.area(DISC) * 2)), rel=0.08)
     assert xyz.shape == (len(volume), 3)
+
+
+def test_roads_of_a_mesh_cross_in_nodes_unless_the_job_says_no():
+    for crossing in (True, False):
+        pattern = begun(cells="triangles", phases=1, crossing=crossing)
+        ((graph,), *_) = pattern.strokes(pattern.first)
+        assert graph.crossing is crossing
+    assert Mesh().crossing
 
 
 def test_a_triangulation_and_its_dual_lie_on_layers_in_turn():
