@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
+import equinox as eqx
+
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.writing import (
@@ -130,6 +132,9 @@ def _planned(
     for _ in range(job.pattern.corrections):
         places = deposits(made[-1].plan, job.target.window / 4, job.pattern.count)
         result = made[-1].design.corrected(*places, progress=show)
+        if eqx.tree_equal(result.controls, made[-1].design.controls):
+            # It would be corrected alike for ever.
+            break
         made.append(_tried(job, result, machine, target, beside))
     best = _soundest(job, made, machine, target) if len(made) > 1 else made[0]
     recounted = best.design.recounted(best.laid)
