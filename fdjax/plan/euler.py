@@ -47,7 +47,8 @@ def trails(
 class _Euler:
     """Closed ways over edges and travel. End `2 k` of edge k is at its first node.
 
-    `partner` of an end is the end of another edge by which the way goes on at the node.
+    `partner` of an end is the end of another edge by which the way goes on at the node; `around`
+    has the edges' ends at each node, counterclockwise, where ways may not cross.
     """
 
     def __init__(self, xy: Floats, edges: Ints, travel: Ints, *, crossing: bool) -> None:
