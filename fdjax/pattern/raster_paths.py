@@ -3,13 +3,15 @@
 Loads no JAX.
 """
 
-from collections.abc import Iterator
-from functools import lru_cache
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+
+from fdjax.pattern.zigzag import INSIDE, Sides, Zigzags
 
 Floats = NDArray[np.float64]
 Outline = shapely.Polygon | shapely.MultiPolygon
@@ -19,9 +21,6 @@ _LONGEST_TURN = 10.0
 
 _FINE = 2e-3
 """Points within this of a contour's straight sides are dropped, mm."""
-
-_INSIDE = 1e-6
-"""Rounding of what lies inside, mm."""
 
 
 def inset(outline: Outline, by: float) -> Outline:
@@ -71,38 +70,95 @@ def raster(
     A line goes on to the next at the same side where the straight way keeps to the room and is no
     longer than ten spacings.
     """
-    turned, reach = _turned(room, angle)
-    x0, y0, x1, y1 = turned.bounds
-    first, last = np.ceil(y0 / spacing - phase), np.floor(y1 / spacing - phase)
-    places = (np.arange(first, last + 1) + phase) * spacing
-    ends = np.stack([np.full_like(places, x0 - 1), np.full_like(places, x1 + 1)], 1)
-    lines = shapely.linestrings(np.stack([ends, np.repeat(places[:, None], 2, 1)], -1))
-    cut = shapely.intersection(lines, turned)
-    parts, owner = shapely.get_parts(cut, return_index=True)
-    bounds = shapely.bounds(parts)
-    in_order = np.lexsort((bounds[:, 0], owner))
-    bounds, owner = bounds[in_order], owner[in_order]
-    short = np.where(owner[1:] == owner[:-1], apart - (bounds[1:, 0] - bounds[:-1, 2]), 0.0)
-    bounds[1:, 0] += np.maximum(short, 0) / 2
-    bounds[:-1, 2] -= np.maximum(short, 0) / 2
-    long = bounds[:, 2] - bounds[:, 0] > _INSIDE
+    turned = _turned(room, angle)
+    (y,) = turned.heights(spacing, [phase])
+    longest = _LONGEST_TURN * spacing
+    chains: Iterable[Any]
+    if (plain := turned.zigzags([y], longest)) is not None:
+        chains = [plain.points()] if len(plain.y) else []
+    else:
+        chains = _chains(*turned.cut(y, apart), turned.reach, longest, apart)
     turn = np.exp(1j * np.radians(angle))
-    return [
-        np.stack([path.real, path.imag], 1)
-        for chain in _chains(bounds[long], owner[long], reach, _LONGEST_TURN * spacing, apart)
-        if len(path := (np.array(chain) @ [1, 1j]) * turn) > 1
-    ]
+    paths = [np.asarray(chain) @ [1, 1j] * turn for chain in chains]
+    return [np.stack([path.real, path.imag], 1) for path in paths]
+
+
+def raster_lengths(
+    room: Outline, angle: float, spacing: float, phases: Sequence[float], *, apart: float = 0.0
+) -> Floats:
+    """Length, mm, of all paths of `raster` for each of some phases, (phases,)."""
+    turned = _turned(room, angle)
+    heights = turned.heights(spacing, phases)
+    plain = turned.zigzags(heights, _LONGEST_TURN * spacing)
+    if plain is not None:
+        return plain.lengths(len(phases))
+    return np.array([
+        sum(map(length_of, raster(room, angle, spacing, phase, apart=apart))) for phase in phases
+    ])  # fmt: skip
+
+
+def length_of(xy: Floats) -> float:
+    """Length of a path (n, 2)."""
+    return float(np.hypot(*np.diff(xy, axis=0).T).sum())
+
+
+class _Turned:
+    """A room turned back by an angle, degrees, so that its lines run along x."""
+
+    def __init__(self, room: Outline, angle: float) -> None:
+        self._outline = shapely.affinity.rotate(room, -angle, origin=(0, 0))
+        self._bounds = self._outline.bounds
+        self._sides = Sides.of(self._outline)
+
+    @cached_property
+    def reach(self) -> Outline:
+        """What reaches just over the room."""
+        reach = shapely.buffer(self._outline, INSIDE)
+        shapely.prepare(reach)
+        return reach
+
+    def heights(self, spacing: float, phases: Sequence[float]) -> list[Floats]:
+        """y of the lines that meet the room, for each phase, mm."""
+        _, low, _, high = self._bounds
+        return [
+            (
+                np.arange(np.ceil(low / spacing - phase), np.floor(high / spacing - phase) + 1)
+                + phase
+            )
+            * spacing
+            for phase in phases
+        ]
+
+    def zigzags(self, heights: Sequence[Floats], longest: float) -> Zigzags | None:
+        """The paths over lines at these heights where each is known to be one, the same that
+        `_chains` finds.
+        """
+        if self._sides is None:
+            return None
+        path = np.repeat(np.arange(len(heights)), [len(y) for y in heights])
+        return self._sides.zigzags(np.concatenate(heights), path, longest)
+
+    def cut(self, y: Floats, apart: float) -> tuple[Floats, NDArray[np.intp]]:
+        """The pieces (x0, y, x1, y) of lines at these heights, line by line, and whose they are."""
+        x0, _, x1, _ = self._bounds
+        ends = np.stack([np.full_like(y, x0 - 1), np.full_like(y, x1 + 1)], 1)
+        lines = shapely.linestrings(np.stack([ends, np.repeat(y[:, None], 2, 1)], -1))
+        pieces = shapely.intersection(lines, self._outline)
+        parts, owner = shapely.get_parts(pieces, return_index=True)
+        bounds = shapely.bounds(parts)
+        in_order = np.lexsort((bounds[:, 0], owner))
+        bounds, owner = bounds[in_order], owner[in_order]
+        short = np.where(owner[1:] == owner[:-1], apart - (bounds[1:, 0] - bounds[:-1, 2]), 0.0)
+        bounds[1:, 0] += np.maximum(short, 0) / 2
+        bounds[:-1, 2] -= np.maximum(short, 0) / 2
+        long = bounds[:, 2] - bounds[:, 0] > INSIDE
+        return bounds[long], owner[long]
 
 
 @lru_cache(maxsize=8)
-def _turned(room: Outline, angle: float) -> tuple[Outline, Outline]:
-    """A room turned back by an angle, degrees, and what reaches just over it: alike for all gaps
-    and phases.
-    """
-    turned = shapely.affinity.rotate(room, -angle, origin=(0, 0))
-    reach = shapely.buffer(turned, _INSIDE)
-    shapely.prepare(reach)
-    return turned, reach
+def _turned(room: Outline, angle: float) -> _Turned:
+    """Alike for all gaps and phases."""
+    return _Turned(room, angle)
 
 
 def _chains(
@@ -137,7 +193,7 @@ def _chains(
             way = shapely.linestrings([before[k].end(left), (x0 if left else x1, y)])
             others = [each for at, each in enumerate(beside) if at not in (k, first + piece)]
             if reach.covers(way) and (
-                not others or shapely.distance(others, way).min() >= apart - _INSIDE
+                not others or shapely.distance(others, way).min() >= apart - INSIDE
             ):
                 onward[piece] = k, left
                 beside.append(way)

@@ -1,8 +1,9 @@
 """Rasters of sub-domains as roads: each with its own angle, road width and air gap."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,8 +19,10 @@ from fdjax.pattern.raster_paths import (
     Outline,
     contours,
     inset,
+    length_of,
     opened,
     raster,
+    raster_lengths,
     rings,
 )
 from fdjax.pattern.subdomains import places_in
@@ -82,12 +85,36 @@ class Fill:
             return closed + contours(room, self.width, spacing, way.phase * self.gap / spacing), []
         return closed, raster(room, self.angle + way.turn, spacing, way.phase, apart=step)
 
-    def length(self, way: Way) -> float:
-        """Length of centre line on a layer, mm."""
-        closed, open_ = self.paths(way)
-        return sum(map(_length, [*(np.vstack([xy, xy[:1]]) for xy in closed), *open_]))
+    def lengths(self, ways: Sequence[Way]) -> Floats:
+        """Length of centre line on each of some layers, (layers,), mm."""
+        closed, room = _inside(self.outline, self.width, self.perimeters)
+        found = np.full(len(ways), sum(map(_around, closed)), float)
+        if room.is_empty:
+            return found
+        if self.kind == "contour":
+            return np.array([sum(map(_around, self.paths(way)[0])) for way in ways])
+        step = self.width + _APART
+        turns = np.array([way.turn for way in ways])
+        phases = np.array([way.phase for way in ways])
+        for turn in set(turns.tolist()):
+            own = turns == turn
+            found[own] += raster_lengths(
+                room, self.angle + turn, step + self.gap, phases[own].tolist(), apart=step
+            )
+        return found
 
-    @property
+    def density(self, ways: Sequence[Way]) -> float:
+        """Centre line an area, a mean of the layers, 1/mm."""
+        counts = Counter(ways)
+        total = np.dot(self.lengths([*counts]), [*counts.values()])
+        return float(total) / len(ways) / self.outline.area
+
+    @cached_property
+    def places(self) -> Floats:
+        """Where design sees its material, (n, 2), mm: no finer than roads are wide."""
+        return places_in(self.outline, _CELLS, least=self.width)
+
+    @cached_property
     def subdomain(self) -> Subdomain:
         return Subdomain(self.outline, self.kind, self.angle, self.laid, self.gap, self.perimeters)
 
@@ -113,11 +140,12 @@ class Realised(NamedTuple):
 class RasterPattern(AbstractPattern):
     """Sub-domains filled with rasters or contours. The controls are their air gaps, (d,), mm.
 
-    - `fills`: of the sub-domains, at the gaps that were found for them; `ways`, `heights`,
-      `middles`: of each layer, mm.
+    - `density`: of centre line at the gaps that were found, a mean of the layers, (d,), 1/mm.
+    - `fills`: of the sub-domains, at these gaps; `ways`, `heights`, `middles`: of each layer, mm.
     """
 
     gaps: Array
+    density: Array
     fills: tuple[Fill, ...] = eqx.field(static=True)
     ways: tuple[Way, ...] = eqx.field(static=True)
     heights: tuple[float, ...] = eqx.field(static=True)
@@ -130,38 +158,33 @@ class RasterPattern(AbstractPattern):
         return eqx.tree_at(lambda p: p.gaps, self, controls)
 
     def realise(self, controls: Array) -> Realised:
-        first = np.array([self._density(fill) for fill in self.fills])
         spacing = np.array([fill.width + fill.gap for fill in self.fills])
         width = np.array([fill.width for fill in self.fills])
-        density = jnp.asarray(first * spacing) / (width + controls)
+        density = self.density * spacing / (width + controls)
         return Realised(controls, density, jnp.isfinite(density).all())
 
-    def _density(self, fill: Fill) -> float:
-        """Centre line an area, a mean of the layers, 1/mm."""
-        kinds = {way: self.ways.count(way) for way in set(self.ways)}
-        total = sum(count * fill.length(way) for way, count in kinds.items())
-        return total / len(self.ways) / fill.outline.area
+    def _sections(self) -> Floats:
+        """Of the roads of each sub-domain on each layer, (d, layers), mm^2."""
+        widths = np.array([fill.laid for fill in self.fills])
+        return np.asarray(section_area(widths[:, None], np.array(self.heights)))
 
     def deposit(self, realised: Realised) -> Points:
-        places, volumes = [], []
-        for number, fill in enumerate(self.fills):
-            xy = places_in(fill.outline, _CELLS)
-            share = fill.outline.area / len(xy)
-            sections = np.array([float(section_area(fill.laid, h)) for h in self.heights])
-            for middle, section in zip(self.middles, sections, strict=True):
-                places.append(np.column_stack([xy, np.full(len(xy), middle)]))
-                volumes.append(realised.density[number] * np.full(len(xy), section * share))
-        return Points(jnp.asarray(np.concatenate(places)), jnp.concatenate(volumes))
+        layers = len(self.middles)
+        many = np.array([len(fill.places) for fill in self.fills])
+        owner = np.repeat(np.arange(len(many)), many)
+        area = np.array([fill.outline.area for fill in self.fills])
+        sections = self._sections() * (area / many)[:, None]
+        xy = np.concatenate([fill.places for fill in self.fills])
+        xyz = np.column_stack([np.tile(xy, (layers, 1)), np.repeat(self.middles, len(xy))])
+        return Points(jnp.asarray(xyz), (realised.density[:, None] * sections)[owner].T.ravel())
 
     def cells(self, realised: Realised) -> tuple[Array, Array, Array]:
-        centres = [shapely.get_coordinates(shapely.centroid(f.outline))[0] for f in self.fills]
+        outlines = np.array([fill.outline for fill in self.fills])
         height = float(sum(self.heights))
-        section = np.array([
-            sum(float(section_area(fill.laid, h)) for h in self.heights) for fill in self.fills
-        ])  # fmt: skip
-        xyz = np.column_stack([np.array(centres), np.full(len(centres), height / 2)])
-        volume = np.array([fill.outline.area for fill in self.fills]) * height
-        return jnp.asarray(xyz), 1 - realised.density * section / height, jnp.asarray(volume)
+        centres = shapely.get_coordinates(shapely.centroid(outlines))
+        xyz = np.column_stack([centres, np.full(len(centres), height / 2)])
+        solid = realised.density * self._sections().sum(1) / height
+        return jnp.asarray(xyz), 1 - solid, jnp.asarray(shapely.area(outlines) * height)
 
     def penalties(self, realised: Realised, limits: Limits) -> Penalties:
         """Air gaps below 0, as shares of the road width."""
@@ -175,14 +198,12 @@ class RasterPattern(AbstractPattern):
         return width.min(), width.max()
 
     def strokes(self, controls: Array) -> Iterator[Sequence[Paths]]:
-        fills = [fill.at(float(gap)) for fill, gap in zip(self.fills, controls, strict=True)]
-        made: dict[Way, list[Paths]] = {}
-        for way in self.ways:
-            if way not in made:
-                made[way] = [
-                    Paths(*fill.paths(way), fill.laid, fill.subdomain, fill.kind) for fill in fills
-                ]
-            yield made[way]
+        made: dict[Way, list[Paths]] = {way: [] for way in self.ways}
+        for first, gap in zip(self.fills, np.asarray(controls).tolist(), strict=True):
+            fill = first.at(gap)
+            for way, paths in made.items():
+                paths.append(Paths(*fill.paths(way), fill.laid, fill.subdomain, fill.kind))
+        return (made[way] for way in self.ways)
 
     def facts(self, controls: Array) -> dict[str, Any]:
         """Of each sub-domain: how it is filled, its gap and width, mm, and area, mm^2."""
@@ -193,16 +214,17 @@ class RasterPattern(AbstractPattern):
                     "fill": fill.kind,
                     "angle": fill.angle,
                     "road_width": fill.laid,
-                    "air_gap": float(gap),
+                    "air_gap": gap,
                     "perimeters": fill.perimeters,
                     "area": fill.outline.area,
                     "solid_asked": fill.asked,
                     "by_target": fill.by_target,
                 }
-                for fill, gap in zip(self.fills, controls, strict=True)
+                for fill, gap in zip(self.fills, np.asarray(controls).tolist(), strict=True)
             ],
         }
 
 
-def _length(xy: Floats) -> float:
-    return float(np.hypot(*np.diff(xy, axis=0).T).sum())
+def _around(xy: Floats) -> float:
+    """Length of a closed path (n, 2), mm."""
+    return length_of(np.vstack([xy, xy[:1]]))

@@ -131,6 +131,7 @@ class Rasters(AbstractSettings):
             fills.append(self._gapped(own, number_, part, ways, limits))
         return RasterPattern(
             gaps=jnp.asarray([fill.gap for fill in fills]),
+            density=jnp.asarray([fill.density(ways) for fill in fills]),
             fills=tuple(fills),
             ways=ways,
             heights=tuple(slab.height for slab in part.slabs),
@@ -171,13 +172,13 @@ class Rasters(AbstractSettings):
         """A fill with the air gap that its mean asks for, and sections that meet it exactly."""
         counts = Counter(zip(ways, (slab.height for slab in part.slabs), strict=True))
         volume = fill.asked * fill.outline.area * part.height
+        own = [way for way, _ in counts]
+        sections = [
+            count * float(section_area(fill.width, height)) for (_, height), count in counts.items()
+        ]
 
         def held(gap: float) -> float:
-            some = fill.at(gap)
-            return sum(
-                count * some.length(way) * float(section_area(fill.width, height))
-                for (way, height), count in counts.items()
-            )
+            return float(np.dot(fill.at(gap).lengths(own), sections))
 
         name = f"sub-domain {number_ + 1}"
         if self.air_gaps is not None:

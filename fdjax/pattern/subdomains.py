@@ -3,22 +3,33 @@
 Loads no JAX.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import shapely
 from contourpy import FillType, contour_generator
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from fdjax.errors import InputError
 from fdjax.part.region import Region
 from fdjax.target.target import Target
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.intp]
 Outline = shapely.Polygon | shapely.MultiPolygon
 
 _SAME = 1e-6
 """Sub-domains overlap or leave gaps from this share of the region's area on."""
+
+_BEYOND = 1e-3
+"""Cells around sites reach so far beyond the region's box, as a share of what lies between sites
+that are far apart: they end at the region's walls."""
+
+_NEIGHBOURS = 16
+"""So many neighbours of a site are looked for at first; most cells have six."""
 
 _LOOKS = 240
 """Places along each side of a region at which level sets of the target are looked for."""
@@ -44,32 +55,48 @@ def voronoi(region: Region, sites: Sequence[tuple[float, float]]) -> list[Outlin
     Raises `InputError` for two sites at one place.
     """
     xy = np.asarray(sites, float)
-    apart = np.hypot(*(xy[:, None] - xy[None]).transpose(2, 0, 1))
-    np.fill_diagonal(apart, np.inf)
-    if len(xy) > 1 and apart.min() < 1e-6:
-        x, y = xy[np.unravel_index(np.argmin(apart), apart.shape)[0]]
+    tree = KDTree(xy)
+    if len(twins := tree.query_pairs(1e-6, output_type="ndarray")):
+        x, y = xy[twins.min()]
         raise InputError(f"sub-domains: two sites at ({x:g}, {y:g})")
-    size = float(np.ptp(np.concatenate([xy, np.reshape(region.bounds, (2, 2))]), axis=0).max())
-    cells = []
-    for k, site in enumerate(xy):
-        cell = shapely.box(*(site - 3 * size), *(site + 3 * size))
-        # Half planes, one by one: exact on regular sites, where diagrams of libraries are not.
-        for other in xy[np.argsort(apart[k], kind="stable")[:-1]]:
-            farthest = np.hypot(*(shapely.get_coordinates(cell) - site).T).max()
-            if np.hypot(*(other - site)) > 2 * farthest:
-                break
-            middle, along = (site + other) / 2, (other - site) / np.hypot(*(other - site))
-            across = np.array([-along[1], along[0]])
-            far = 8 * size
-            corners = [
-                middle - far * across,
-                middle + far * across,
-                middle + far * across - far * along,
-                middle - far * across - far * along,
-            ]
-            cell = cell.intersection(shapely.Polygon(corners))
-        cells.append(cell)
+    low, high = np.reshape(region.bounds, (2, 2))
+    far = 8 * float(np.ptp(np.concatenate([xy, [low, high]]), axis=0).max())
+    cells = np.full(len(xy), shapely.box(*(low - _BEYOND * far), *(high + _BEYOND * far)))
+    # Half planes, one by one: exact on regular sites, where diagrams of libraries are not.
+    left, looked, known = np.arange(len(xy)), 0, 1
+    while len(left):
+        known = min(max(2 * known, _NEIGHBOURS), len(xy))
+        near = tree.query(xy[left], known)[1].reshape(len(left), -1)
+        going = np.ones(len(left), bool)
+        for nth in range(looked + 1, known):
+            going[going] = _cut(cells, left[going], xy, near[going, nth], far)
+        left, looked = left[going & (known < len(xy))], known - 1
     return _parts(region, cells)
+
+
+def _cut(
+    cells: NDArray[np.object_], owners: Ints, xy: Floats, others: Ints, far: float
+) -> NDArray[np.bool_]:
+    """Cut the cells of these sites by the half planes nearer to them than to others; whether a site
+    that is further than the other may do so as well.
+    """
+    towards = xy[others] - xy[owners]
+    apart = np.hypot(*towards.T)
+    corners, of = shapely.get_coordinates(cells[owners], return_index=True)
+    away = corners - xy[owners][of]
+    reach = np.zeros(len(owners))
+    np.maximum.at(reach, of, np.hypot(*away.T))
+    over = np.zeros(len(owners), bool)
+    np.logical_or.at(over, of, (away * towards[of]).sum(1) > apart[of] ** 2 / 2)
+    along = (towards / apart[:, None])[over]
+    across = np.stack([-along[:, 1], along[:, 0]], 1)
+    middle = (xy[owners] + towards / 2)[over]
+    square = [middle - far * across, middle + far * across]
+    square += [square[1] - far * along, square[0] - far * along]
+    cells[owners[over]] = shapely.intersection(
+        cells[owners[over]], shapely.polygons(np.stack(square, 1))
+    )
+    return apart <= 2 * reach
 
 
 def levels(region: Region, target: Target, values: Sequence[float], z: float) -> list[Outline]:
@@ -118,31 +145,38 @@ def given(region: Region, polygons: Sequence[Any]) -> list[Outline]:
     return _parts(region, made)
 
 
-def places_in(outline: Outline, along: int) -> np.ndarray:
-    """Places evenly over an outline, (n, 2), mm: `along` of them on the longer side of its box; at
-    least one.
+def places_in(outline: Outline, along: int, least: float = 0.0) -> Floats:
+    """Places evenly over an outline, (n, 2), mm: `along` of them on the longer side of its box, or
+    as many as are `least` mm apart; at least one.
     """
     x0, y0, x1, y1 = outline.bounds
-    step = max(x1 - x0, y1 - y0) / along
+    step = max(max(x1 - x0, y1 - y0) / along, least)
     x, y = (np.arange(a + step / 2, b, step) for a, b in ((x0, x1), (y0, y1)))
     xy = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
     xy = xy[shapely.contains_xy(outline, *xy.T)]
     return xy if len(xy) else shapely.get_coordinates(shapely.point_on_surface(outline))
 
 
-def _parts(region: Region, cells: Sequence[shapely.Geometry]) -> list[Outline]:
+def _parts(region: Region, geometries: Iterable[Any]) -> list[Outline]:
     """What of the region lies in each cell; cells beside it are left out."""
-    found = []
-    for cell in cells:
-        inside = shapely.intersection(region.geometry, cell)
-        polygons = [
-            part
-            for part in shapely.get_parts(inside)
-            if isinstance(part, shapely.Polygon) and part.area > _SAME * region.area
-        ]
-        if polygons:
-            found.append(polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons))
-    return found
+    cells = np.array(geometries, object)
+    outline = region.geometry
+    shapely.prepare(outline)
+    # Most of many cells lie inside.
+    cut = ~shapely.covers(outline, cells)
+    inside = cells.copy()
+    inside[cut] = shapely.intersection(outline, cells[cut])
+    parts, owner = shapely.get_parts(inside, return_index=True)
+    keep = (shapely.get_type_id(parts) == shapely.GeometryType.POLYGON) & (
+        shapely.area(parts) > _SAME * region.area
+    )
+    parts, owner = parts[keep], owner[keep]
+    many = np.bincount(owner, minlength=len(cells))
+    return [
+        polygons[0] if len(polygons) == 1 else shapely.MultiPolygon(polygons)
+        for polygons in np.split(parts, np.cumsum(many)[:-1])
+        if len(polygons)
+    ]
 
 
 def _place(geometry: shapely.Geometry) -> str:

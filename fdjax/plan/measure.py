@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from shapely import (
+    STRtree,
     area,
     bounds,
     box,
@@ -14,6 +15,7 @@ from shapely import (
     contains_xy,
     intersection,
     intersects,
+    points,
     prepare,
 )
 
@@ -275,9 +277,12 @@ def solid_shares(build: Build, outlines: Sequence[Outline], *, step: float = 0.5
     """
     places, volumes = build.deposits(step)
     height = sum(layer.height for layer in build.layers)
+    # Boxes first: most pieces are near few of many outlines.
+    near = STRtree(np.asarray(points(places[:, :2]))).query(outlines)
     shares = []
-    for outline in outlines:
+    many = np.bincount(near[0], minlength=len(outlines))
+    for outline, own in zip(outlines, np.split(near[1], np.cumsum(many)[:-1]), strict=True):
         prepare(outline)
-        inside = contains_xy(outline, places[:, 0], places[:, 1])
+        inside = own[contains_xy(outline, places[own, 0], places[own, 1])]
         shares.append(float(volumes[inside].sum()) / (outline.area * height))
     return np.array(shares)

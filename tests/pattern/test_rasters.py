@@ -6,16 +6,18 @@ import jax
 import numpy as np
 import pytest
 import shapely
+from scipy.spatial import KDTree
 
 from fdjax.app import config
 from fdjax.errors import InputError
 from fdjax.formats import profile, ssl
 from fdjax.part.part import Part
 from fdjax.part.region import Region
-from fdjax.pattern import subdomains
-from fdjax.pattern.raster_paths import contours, raster
+from fdjax.pattern import raster_paths, subdomains
+from fdjax.pattern.raster_paths import contours, length_of, raster, raster_lengths
 from fdjax.pattern.raster_pattern import Fill
 from fdjax.pattern.rasters import Rasters
+from fdjax.pattern.zigzag import Sides
 from fdjax.plan.check import check
 from fdjax.plan.measure import solid_shares
 from fdjax.plan.trace import lay
@@ -98,6 +100,34 @@ def test_lines_that_a_hole_or_a_corner_just_cuts_keep_apart():
     assert sum(shapely.length(lines)) > 90
 
 
+ROOMS = [
+    shapely.box(0, 0, 4, 4),
+    shapely.Polygon([(0, 0), (5, 1), (6, 4), (2, 6), (-1, 3)]),
+    shapely.Polygon([(0, 0), (9, 0.3), (8, 2), (1, 2)]),
+    shapely.Point(3, 3).buffer(4),
+    shapely.Polygon([(0, 0), (6, 0), (6, 6), (3, 3), (0, 6)]),
+    shapely.box(0, 0, 6, 6).difference(shapely.box(2, 2, 3, 3)),
+]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize("angle", [0.0, 3.0, 45.0, 90.0, 117.0])
+@pytest.mark.parametrize("spacing", [0.6, 1.0, 9.0])
+def test_paths_of_convex_rooms_are_those_of_any_other(monkeypatch, room, angle, spacing):
+    phases = [0.1, 0.5, 0.9]
+    found = [raster(room, angle, spacing, phase, apart=0.4) for phase in phases]
+    lengths = raster_lengths(room, angle, spacing, phases, apart=0.4)
+    monkeypatch.setattr(Sides, "of", lambda outline: None)
+    raster_paths._turned.cache_clear()
+    expected = [raster(room, angle, spacing, phase, apart=0.4) for phase in phases]
+    raster_paths._turned.cache_clear()
+    for one, other, length in zip(found, expected, lengths, strict=True):
+        assert len(one) == len(other)
+        for a, b in zip(one, other, strict=True):
+            assert a == pytest.approx(b, abs=1e-9)
+        assert length == pytest.approx(sum(map(length_of, other)), abs=1e-9)
+
+
 @pytest.mark.parametrize("angle", [45.0, 63.0, 135.0, 160.0])
 def test_holes_and_corners_within_subdomains_are_no_fault(angle):
     outline = shapely.Polygon([(0, 0), (40, 0), (40, 17), (16, 17), (16, 40), (0, 40)])
@@ -112,7 +142,7 @@ def test_perimeters_that_hold_a_little_too_much_are_laid_thinner():
     part, pattern = begun(PLATE, perimeters=4, layers=2)
     (fill,) = pattern.fills
     held = fill.at(1e3).laid_at(0.4)
-    share = held.length(pattern.ways[0]) * section_area(0.4, 0.2) / (PLATE.area * 0.2)
+    share = held.lengths(pattern.ways[:1])[0] * section_area(0.4, 0.2) / (PLATE.area * 0.2)
     little = expression(f"{0.98 * share}", quantity="solid")
     part, pattern = begun(PLATE, little, perimeters=4, layers=2)
     (got,) = solid_shares(laid(part, pattern), [PLATE])
@@ -179,6 +209,21 @@ def test_cells_of_voronoi_are_sound_on_regular_sites():
         assert cell.contains(shapely.Point(site))
 
 
+def test_cells_of_many_sites_are_those_of_the_nearest_one():
+    sites = np.random.default_rng(1).uniform((-10, -5), (40, 35), (600, 2))
+    cells = subdomains.voronoi(Region.of(HOLED), sites.tolist())
+    assert sum(cell.area for cell in cells) == pytest.approx(HOLED.area, rel=1e-5)
+    xy = np.random.default_rng(2).uniform((0, 0), (40, 30), (20_000, 2))
+    nearest = KDTree(sites).query(xy)[1]
+    place, cell = shapely.STRtree(cells).query(shapely.points(xy), predicate="within")
+    inside = shapely.contains_xy(HOLED, *xy.T)
+    assert len(place) == len(np.unique(place))
+    assert len(place) == pytest.approx(inside.sum(), abs=3)
+    # One cell a site: the nearest.
+    pairs = np.unique(np.stack([nearest[place], cell]), axis=1)
+    assert len(pairs.T) == len(np.unique(pairs[0])) == len(np.unique(pairs[1]))
+
+
 LEFT, RIGHT = ((0, 0), (20, 0), (20, 30), (0, 30)), ((20, 0), (40, 0), (40, 30), (20, 30))
 
 
@@ -223,13 +268,13 @@ def test_a_job_says_what_is_wrong(pattern, words):
 
 def test_an_air_gap_is_found_in_a_few_looks(monkeypatch):
     looks = []
-    length = Fill.length
-    monkeypatch.setattr(Fill, "length", lambda fill, way: looks.append(way) or length(fill, way))
+    lengths = Fill.lengths
+    monkeypatch.setattr(Fill, "lengths", lambda fill, ways: looks.append(1) or lengths(fill, ways))
     part = Part.plate(shapely.box(0, 0, 30, 30), layers=10, height=0.2)
     pattern = Rasters(domains={"grid": (6, 6)}, perimeters=0, angles=(0.0, 30.0)).begin(
         part, expression("0.25 + 0.2*x/30", quantity="solid"), MARLIN.limits, 5.0
     )
-    assert len(looks) <= 36 * 10 * 20
+    assert len(looks) <= 36 * 20
     for fill in pattern.fills:
-        held = sum(fill.length(way) for way in pattern.ways) * float(section_area(fill.laid, 0.2))
+        held = fill.lengths(pattern.ways).sum() * float(section_area(fill.laid, 0.2))
         assert held == pytest.approx(fill.asked * fill.outline.area * 2.0, rel=1e-6)
