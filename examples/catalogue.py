@@ -78,9 +78,11 @@ def one(pattern: dict[str, Any], target: str, folder: Path) -> tuple[dict[str, A
 
 
 def drawn(figure: Figure, layers: dict[tuple[str, str], Layer]) -> None:
-    """The top layers, a row for each target and a column for each pattern, six in a row."""
+    """The top layers, a row for each target and a column for each pattern, about six in a row: as
+    many as leave the fewest places of the last row empty.
+    """
     names = list(dict.fromkeys(name for name, _ in layers))
-    across = min(6, len(names))
+    across = min((6, 5, 7), key=lambda many: -len(names) % many) if len(names) > 6 else len(names)
     rows = 2 * -(-len(names) // across)
     figure.set_size_inches(2.1 * across, 2.6 * rows)
     axes = figure.subplots(rows, across, squeeze=False)

@@ -47,7 +47,7 @@ def fitted(
     job: Job, part: Part, result: Design, plan: Build, machine: Machine, target: Target
 ) -> Build:
     """The roads of a plan as the machine's file holds them."""
-    plan = _of_materials(job, part, placed(plan, part, machine, target), machine)
+    plan = _of_materials(job, part, placed(plan, part, machine, target), machine, target)
     plan = trimmed_to(job, result, plan, machine)
     return module(f"{job.name}.{machine.format}").fit(plan, machine)
 
@@ -60,7 +60,7 @@ def read_back(build: Build, machine: Machine) -> Build:
         return read_file(path, machine=machine)
 
 
-def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
+def _of_materials(job: Job, part: Part, plan: Build, machine: Machine, target: Target) -> Build:
     """The plan with each road of its material."""
     if not job.materials.given:
         return plan
@@ -70,6 +70,7 @@ def _of_materials(job: Job, part: Part, plan: Build, machine: Machine) -> Build:
         job.materials.numbers,
         split=job.materials.split,
         least_road=least_road(machine),
+        shares=job.materials.asked(part, target) if job.materials.split else None,
     )
 
 

@@ -87,6 +87,48 @@ def at_nodes(
     return made
 
 
+class Cuts:
+    """The cuts of many roads, each of which can be moved by a step."""
+
+    def __init__(self) -> None:
+        self._all: list[tuple[list[Run], int, float, float]] = []
+
+    def add(self, runs: list[Run], size: Floats, volumes: Floats, shortest: float) -> None:
+        """The cuts between the pieces of a road, in steps of these lengths, mm, and volumes, mm^3.
+
+        One can be moved only as far as both pieces stay as long as `shortest`, mm, whichever of
+        their cuts move.
+        """
+        reach = np.concatenate([[0.0], np.cumsum(size)])
+        spare = [
+            float(reach[last] - reach[first] - size[first] - size[last - 1]) >= shortest - _SAME
+            for first, last, _ in runs
+        ]
+        for k in range(1, len(runs)):
+            at, over = runs[k][0], runs[k][2]
+            before = float(volumes[at - 1]) if spare[k - 1] else 0.0
+            behind = float(volumes[at]) if spare[k] else 0.0
+            self._all.append((runs, k, *((before, behind) if over else (behind, before))))
+
+    def move(self, volume: float) -> None:
+        """Give `volume`, mm^3, more to the pieces above, or take it, evenly over the cuts; what
+        that cannot give stays owed.
+        """
+        more = volume > 0
+        gains = np.array([gain if more else loss for _, _, gain, loss in self._all])
+        able = np.flatnonzero(gains)
+        if not len(able):
+            return
+        # Where the sum of what all could give passes another share of what is asked.
+        reach = np.cumsum(gains[able]) * min(1.0, abs(volume) / gains.sum())
+        step = float(gains[able].mean())
+        chosen = able[np.diff(np.floor(reach / step + 0.5), prepend=0.0) > 0]
+        for runs, k, *_ in (self._all[each] for each in chosen):
+            (first, at, below), (_, last, over) = runs[k - 1], runs[k]
+            at += -1 if over == more else 1
+            runs[k - 1], runs[k] = (first, at, below), (at, last, over)
+
+
 class _Pieces:
     """Pieces of a road side by side, by numbers: `first` and `last` step, as of a `Run`, and
     whether they are `over`; `many`: how many are left. Numbers do not tell their order.

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdjax.errors import InputError
 from fdjax.plan.laid import shortest_road
-from fdjax.plan.material_runs import Owed, at_nodes, runs_of
+from fdjax.plan.material_runs import Cuts, Owed, Run, at_nodes, runs_of
 from fdjax.plan.order import order_roads
 from fdjax.plan.toolpath import Build, Layer, Road
 
@@ -150,6 +151,7 @@ def assigned(
     *,
     split: bool = False,
     least_road: float = 0,
+    shares: Sequence[float] | None = None,
 ) -> Build:
     """The build with each road of one of several materials, by its centre, and few changes of tool.
 
@@ -158,6 +160,8 @@ def assigned(
       chance one is cut so that the share is met. A piece shorter than three widths or than
       `least_road`, mm, takes the material of its neighbours or grows, as keeps the shares. Roads of
       a graph are cut at their nodes where these are nearer than a road is wide.
+    - `shares`: of each material by volume. Where the roads hold a little more or less there than
+      a function asks, some cuts are moved by up to half a road's width so that these are met.
 
     A layer begins with the material with which the one below it ended: so of two there is at most
     one change a layer, and layers alternate which comes first.
@@ -165,9 +169,8 @@ def assigned(
     build = _each(build, lambda road: 0)
     for number, rule in enumerate(rules):
         if split and not isinstance(rule, ByChance):
-            owed = Owed()
-            layers = [_split(layer, number, rule, least_road, owed) for layer in build.layers]
-            build = build.replace(layers=tuple(layers))
+            beyond = None if shares is None else sum(shares[number + 1 :]) * build.volume
+            build = _split(build, number, rule, least_road, beyond)
             continue
         build = _whole(build, number, rule)
         if split and isinstance(rule, ByChance):
@@ -248,80 +251,124 @@ def _met(build: Build, number: int, share: float, least_road: float) -> Build:
     _, at, k = heaviest
     layer = build.layers[at]
     road = layer.roads[k]
-    owner, start, size = _steps(road)
-    reach = np.cumsum(road.areas(layer.height)[owner] * size)
+    steps = _Steps.of(road)
+    reach = np.cumsum(steps.volumes(layer.height))
     above = (reach > abs(over)) == (over > 0)
-    pieces = _pieces(road, number, owner, start, size, above, least_road, Owed())
+    pieces = steps.cut(above, least_road, Owed()).pieces(number)
     layer = replace(layer, roads=(*layer.roads[:k], *pieces, *layer.roads[k + 1 :]))
     return build.replace(layers=(*build.layers[:at], layer, *build.layers[at + 1 :]))
 
 
-def _split(layer: Layer, number: int, rule: Rule, least_road: float, owed: Owed) -> Layer:
-    roads: list[Road] = []
-    z = layer.z - layer.height / 2
-    for road in layer.roads:
-        if road.material != number:
-            roads.append(road)
-            continue
-        owner, start, size = _steps(road)
-        along = np.diff(road.path, axis=0) / road.segment_lengths[:, None]
-        middle = start + size[:, None] / 2 * along[owner]
-        above = rule(np.column_stack([middle, np.full(len(owner), z)]), size)
-        roads += _pieces(road, number, owner, start, size, above, least_road, owed)
-    return replace(layer, roads=tuple(roads))
-
-
-def _steps(road: Road) -> tuple[Ints, Floats, Floats]:
-    """A road in steps of half its width: the segment of each, where it begins, (n, 2), and its
-    length, mm.
+def _split(build: Build, number: int, rule: Rule, least_road: float, beyond: float | None) -> Build:
+    """The roads of one material cut where a rule changes; `beyond`: volume asked of what lies
+    above it, mm^3.
     """
-    path, length = road.path, road.segment_lengths
-    count = np.maximum(np.ceil(length / (_FINE * road.width)), 1).astype(int)
-    owner = np.repeat(np.arange(len(count)), count)
-    step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
-    start = path[:-1][owner] + (step / count[owner])[:, None] * np.diff(path, axis=0)[owner]
-    return owner, start, (length / count)[owner]
+    owed = Owed()
+    roads: dict[Road, _Cut] = {}
+    lying, cuts = 0.0, Cuts()
+    for layer in build.layers:
+        z = layer.z - layer.height / 2
+        for road in layer.roads:
+            if road.material != number:
+                continue
+            steps = _Steps.of(road)
+            above = rule(np.column_stack([steps.middles, np.full(len(steps.size), z)]), steps.size)
+            roads[road] = cut = steps.cut(above, least_road, owed)
+            volumes = cut.steps.volumes(layer.height)
+            lying += sum(float(volumes[a:b].sum()) for a, b, over in cut.runs if over)
+            if not road.of_graph:
+                cuts.add(cut.runs, cut.steps.size, volumes, shortest_road(road.width, least_road))
+    if beyond is not None:
+        cuts.move(beyond - lying)
+    layers = [
+        replace(
+            layer,
+            roads=tuple(
+                piece
+                for road in layer.roads
+                for piece in (roads[road].pieces(number) if road in roads else [road])
+            ),
+        )
+        for layer in build.layers
+    ]
+    return build.replace(layers=tuple(layers))
 
 
-def _pieces(
-    road: Road,
-    number: int,
-    owner: Ints,
-    start: Floats,
-    size: Floats,
-    above: Bools,
-    least: float,
-    owed: Owed,
-) -> list[Road]:
-    """A road cut where `above` changes between the steps that begin at `start`: what is above is of
-    the material behind that of this number, the rest of this.
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """A road in steps of half its width.
+
+    - `owner`: the segment of each; `start`: where it begins, (n, 2); `size`: its length; mm.
     """
-    if not (above != above[0]).any():
-        return [replace(road, material=number + int(above[0]))]
-    if road.closed:
-        # A closed road begins where the material changes.
-        first = int(np.flatnonzero(above != np.roll(above, 1))[0])
-        owner, size = np.roll(owner, -first), np.roll(size, -first)
-        start, above = np.roll(start, -first, 0), np.roll(above, -first)
-    shortest = shortest_road(road.width, least)
-    runs = runs_of(above, size, shortest, owed)
-    if road.of_graph:
-        corners = np.flatnonzero(np.diff(owner)) + 1
-        runs = at_nodes(runs, corners, size, shortest, float(road.width.max()), owed)
-    if len(runs) == 1:
-        return [replace(road, material=number + int(runs[0][2]))]
-    end = np.concatenate([start[1:], start[:1] if road.closed else road.path[-1:]])
-    made = []
-    for first, last, over in runs:
-        # A corner, and a width, begins where the owner changes.
-        corner = np.append(True, np.diff(owner[first:last]) != 0)
-        keep = np.flatnonzero(corner) + first
-        xy = np.concatenate([start[keep], end[last - 1 : last]])
-        section = None if road.section is None else road.section[owner[keep]]
-        made.append(
-            replace(
-                road, xy=xy, width=road.width[owner[keep]], section=section, closed=False,
-                material=number + int(over),
+
+    road: Road
+    owner: Ints
+    start: Floats
+    size: Floats
+
+    @classmethod
+    def of(cls, road: Road) -> "_Steps":
+        path, length = road.path, road.segment_lengths
+        count = np.maximum(np.ceil(length / (_FINE * road.width)), 1).astype(int)
+        owner = np.repeat(np.arange(len(count)), count)
+        step = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+        start = path[:-1][owner] + (step / count[owner])[:, None] * np.diff(path, axis=0)[owner]
+        return cls(road, owner, start, (length / count)[owner])
+
+    @property
+    def middles(self) -> Floats:
+        along = np.diff(self.road.path, axis=0) / self.road.segment_lengths[:, None]
+        return self.start + self.size[:, None] / 2 * along[self.owner]
+
+    def volumes(self, height: float) -> Floats:
+        """Of each step in a layer of this height, mm^3."""
+        return self.road.areas(height)[self.owner] * self.size
+
+    def cut(self, above: Bools, least: float, owed: Owed) -> "_Cut":
+        """Where `above`, (n,), changes between the steps."""
+        steps = self
+        if (above != above[0]).any() and self.road.closed:
+            # A closed road begins where the material changes.
+            first = int(np.flatnonzero(above != np.roll(above, 1))[0])
+            steps = replace(
+                self,
+                owner=np.roll(self.owner, -first),
+                start=np.roll(self.start, -first, 0),
+                size=np.roll(self.size, -first),
             )
-        )  # fmt: skip
-    return made
+            above = np.roll(above, -first)
+        shortest = shortest_road(self.road.width, least)
+        runs = runs_of(above, steps.size, shortest, owed)
+        if self.road.of_graph and len(runs) > 1:
+            corners = np.flatnonzero(np.diff(steps.owner)) + 1
+            widest = float(self.road.width.max())
+            runs = at_nodes(runs, corners, steps.size, shortest, widest, owed)
+        return _Cut(steps, runs)
+
+
+class _Cut(NamedTuple):
+    """The steps of a road and the runs of them that it is cut into."""
+
+    steps: _Steps
+    runs: list[Run]
+
+    def pieces(self, number: int) -> list[Road]:
+        """Roads: what is above is of the material behind that of this number, the rest of this."""
+        (road, owner, start) = self.steps.road, self.steps.owner, self.steps.start
+        if len(self.runs) == 1:
+            return [replace(road, material=number + int(self.runs[0][2]))]
+        end = np.concatenate([start[1:], start[:1] if road.closed else road.path[-1:]])
+        made = []
+        for first, last, over in self.runs:
+            # A corner, and a width, begins where the owner changes.
+            corner = np.append(True, np.diff(owner[first:last]) != 0)
+            keep = np.flatnonzero(corner) + first
+            xy = np.concatenate([start[keep], end[last - 1 : last]])
+            section = None if road.section is None else road.section[owner[keep]]
+            made.append(
+                replace(
+                    road, xy=xy, width=road.width[owner[keep]], section=section, closed=False,
+                    material=number + int(over),
+                )
+            )  # fmt: skip
+        return made

@@ -151,6 +151,31 @@ def test_three_materials_by_levels_of_a_function_are_met_by_volume():
     assert changes(made) == 2 * 3
 
 
+@pytest.mark.parametrize("second", [0.493, 0.504])
+def test_cuts_move_by_half_a_width_to_meet_shares(second):
+    """Where roads lie a little beside their target a function has another share of them."""
+    roads = [line(0, 20, k / 2) for k in range(1, 30)]
+    build = build_of(*[[*roads, ring(10, 18, 1.5)]] * 3)
+    made = assigned(build, [BY_X], (0, 1), split=True, shares=[1 - second, second])
+    _, volumes = centres(made)
+    material = np.concatenate([layer.materials for layer in made.layers])
+    assert made.volume == pytest.approx(build.volume, rel=1e-9)
+    assert volumes[material == 1].sum() / made.volume == pytest.approx(second, abs=2e-4)
+    ends = np.array([road.path[[0, -1], 0] for layer in made.layers for road in layer.roads])
+    cuts = ends[(ends > 5) & (ends < 15)] - 10
+    assert np.abs(cuts).max() < 0.41
+    # Only so many as are needed, and all to one side of where they were.
+    before = assigned(build, [BY_X], (0, 1), split=True)
+    was = np.array([road.path[[0, -1], 0] for layer in before.layers for road in layer.roads])
+    moved = np.sort(cuts) - np.sort(was[(was > 5) & (was < 15)] - 10)
+    assert 0.2 < np.mean(np.abs(moved) > 1e-9) < 0.9
+    # More than half a width at each cut would give stays owed.
+    far = assigned(build, [BY_X], (0, 1), split=True, shares=[0.4, 0.6])
+    _, volumes = centres(far)
+    material = np.concatenate([layer.materials for layer in far.layers])
+    assert volumes[material == 1].sum() / far.volume == pytest.approx(0.51, abs=0.003)
+
+
 def test_a_layer_ends_with_a_material_that_the_next_one_has():
     by_thirds = [ByPlace(lambda x, y, z, at=at: x - at) for at in (6.0, 14.0)]
     all_three = [line(0, 4, 1), line(8, 12, 1), line(16, 20, 1)]
