@@ -267,8 +267,9 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 INTRODUCTION = """An 80 mm square and a disc of 80 mm with two holes, ten layers of 0.2 mm, roads of
 0.4 mm; solid shares 0.15, 0.3, 0.5, linear and radial from 0.15 to 0.5. The mean is off as a share
-of what is asked, `roads` are the most in a layer; "-" was not run. Written by
-`python tests/benchmarks/textures.py --page examples/catalogue.md`.
+of what is asked, `largest` is the largest error of a window and `roads` are the most in a layer;
+"-" was not run. Written by `python tests/benchmarks/textures.py --page examples/catalogue.md`; one
+row alone with `--only NAME --outlines NAME` beside.
 """
 
 
