@@ -85,10 +85,15 @@ class Fill:
             return closed + contours(room, self.width, spacing, way.phase * self.gap / spacing), []
         return closed, raster(room, self.angle + way.turn, spacing, way.phase, apart=step)
 
+    @property
+    def around(self) -> float:
+        """Length of its perimeters on a layer, mm."""
+        return float(sum(map(_around, _inside(self.outline, self.width, self.perimeters)[0])))
+
     def lengths(self, ways: Sequence[Way]) -> Floats:
         """Length of centre line on each of some layers, (layers,), mm."""
-        closed, room = _inside(self.outline, self.width, self.perimeters)
-        found = np.full(len(ways), sum(map(_around, closed)), float)
+        _, room = _inside(self.outline, self.width, self.perimeters)
+        found = np.full(len(ways), self.around)
         if room.is_empty:
             return found
         if self.kind == "contour":

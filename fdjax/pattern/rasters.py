@@ -183,6 +183,13 @@ class Rasters(AbstractSettings):
         name = f"sub-domain {number_ + 1}"
         if self.air_gaps is not None:
             return fill.at(_of(self.air_gaps, number_))
+        alone = fill.around * float(np.sum(sections))
+        if alone * (1 - _MOST) > volume:
+            raise InputError(
+                f"{name}: a solid share of {fill.asked:.3f} is asked, and its perimeters alone "
+                f"hold {alone / fill.outline.area / part.height:.3f}; ask for more, for larger "
+                "sub-domains or for fewer perimeters"
+            )
         least = max(0.0, (limits.least_spacing or 0.0) - fill.width)
         size = float(max(np.ptp(np.reshape(fill.outline.bounds, (2, 2)), axis=0)))
         gap, found = _gap_for(held, volume, fill.width, least, 2 * size)
@@ -195,12 +202,6 @@ class Rasters(AbstractSettings):
             raise InputError(
                 f"{name}: a solid share of {fill.asked:.3f} is asked, and roads {fill.width:g} mm "
                 f"wide that touch hold {found / fill.outline.area / part.height:.3f}"
-            )
-        if found * (1 - _MOST) > volume and gap > 2 * size:
-            raise InputError(
-                f"{name}: a solid share of {fill.asked:.3f} is asked, and its perimeters alone "
-                f"hold {found / fill.outline.area / part.height:.3f}; ask for more, for larger "
-                "sub-domains or for fewer perimeters"
             )
         return self._sized(fill.at(gap), volume / found, part)
 

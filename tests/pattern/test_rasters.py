@@ -236,6 +236,12 @@ LEFT, RIGHT = ((0, 0), (20, 0), (20, 30), (0, 30)), ((20, 0), (40, 0), (40, 30),
         ({"domains": {"levels": (0.4, 0.3)}}, LINEAR, "levels must rise"),
         ({}, expression("0.99", quantity="solid"), "sub-domain 1: a solid share of 0.990"),
         ({"perimeters": 20}, expression("0.1", quantity="solid"), "its perimeters alone"),
+        # A ring in a cell of 5/3 mm, .212 mm from its sides.
+        (
+            {"domains": {"grid": (24, 18)}},
+            LINEAR,
+            "sub-domain 1: .* its perimeters alone hold 0.639",
+        ),
         ({"road_widths": (0.4, 0.1)}, LINEAR, "road_widths: 0.1 mm; the machine lays 0.3 to 0.8"),
         ({"domains": {"grid": (100, 100)}}, LINEAR, "sub-domain 1: has no room for roads"),
     ],
