@@ -167,6 +167,19 @@ def test_gradients_of_the_deposit_are_those_of_the_spacing():
         assert float(slope[k]) == pytest.approx((up - down) / (2 * step), rel=1e-5)
 
 
+def test_the_deposit_of_many_subdomains_is_no_longer_program_than_of_few():
+    lengths = []
+    for many in (1, 5):
+        _, pattern = begun(PLATE, perimeters=0, domains={"grid": (many, many)})
+        program = jax.make_jaxpr(lambda gaps, p=pattern: p.deposit(p.realise(gaps)).volume)
+        lengths.append(len(program(pattern.gaps).eqns))
+        deposit = pattern.deposit(pattern.realise(pattern.gaps))
+        asked = sum(fill.asked * fill.outline.area for fill in pattern.fills) * 1.2
+        assert float(deposit.volume.sum()) == pytest.approx(asked, rel=1e-6)
+        assert np.unique(deposit.xyz[:, 2]) == pytest.approx(np.arange(0.1, 1.2, 0.2))
+    assert lengths[0] == lengths[1]
+
+
 def test_the_slice_file_keeps_what_each_subdomain_is_filled_with():
     part, pattern = begun(domains=WAYS["sites"], angles=(10.0, -20.0), road_widths=(0.4, 0.5))
     build = laid(part, pattern)
