@@ -226,8 +226,9 @@ def _made(
         return traced
 
     flat.__name__ = function.__name__
-    lowered = jax.jit(flat).lower(arrays)
-    text = lowered.as_text()
+    # All arguments are in the text, used or not, or it would not tell which of them are.
+    lowered = jax.jit(flat, keep_unused=True).lower(arrays)
+    text = f"{function.__qualname__} {list(map(_kind, arrays))} {lowered.as_text()}"
     called = set(re.findall(r"custom_call @(\w+)", text))
     if not all(name.startswith(_LAPACK) for name in called):
         return None

@@ -68,7 +68,18 @@ def test_what_differs_is_another_program(traced, tmp_path, numbers, shape, scale
     np.testing.assert_allclose(got["sum"], numbers.sum() * scale)
 
 
-def test_lines_of_lapack_are_found_again(tmp_path):
+def test_arguments_that_are_not_used_make_other_programs(tmp_path):
+    programs.keep(tmp_path)
+    picked = program(lambda which, a, b: (a, b)[which] * 2)
+    one, two = jnp.arange(3.0), jnp.arange(3.0) + 5
+    for first, second in ((one, two), (one, jnp.arange(4.0)), (two, one)):
+        for which in (0, 1):
+            as_a_new_run(tmp_path)
+            expected = (first, second)[which] * 2
+            np.testing.assert_array_equal(picked(which, first, second), expected)
+
+
+def test_lapack_is_found_again(tmp_path):
     programs.keep(tmp_path)
     root = program(jnp.linalg.cholesky)
     matrix = jnp.array([[4.0, 2.0], [2.0, 5.0]])
