@@ -23,7 +23,7 @@ class Factors(NamedTuple):
     upper: Float[Array, "n m m"]
 
 
-def _lines(stencil: Stencil, closed: bool) -> tuple[Array, Array, Array]:
+def _lines(stencil: Stencil, closed: bool, tail: int) -> tuple[Array, Array, Array]:
     """Lower, diagonal and upper blocks, shape (i, 2 j, 2 j): each couples whole lines."""
 
     def block(row: tuple[Array, ...]) -> Array:
@@ -40,15 +40,24 @@ def _lines(stencil: Stencil, closed: bool) -> tuple[Array, Array, Array]:
         return dense.reshape(i, 2 * j, 2 * j)
 
     lower, diagonal, upper = (block(row) for row in stencil.blocks)
+    if tail:
+        n = len(diagonal[0])
+        turned = lower[0].reshape(n, -1, 2)[:, ::-1].reshape(n, n)
+        upper = upper.at[0].add(turned)
+        wall = slice(2 * (tail - 1), n - 2 * (tail - 1))
+        upper = upper.at[0, wall].set(0.0)
+        diagonal = diagonal.at[0, wall].set(jnp.eye(n)[wall])
     return lower, diagonal, upper
 
 
-def factor(stencil: Stencil, *, closed: bool = False) -> Factors:
+def factor(stencil: Stencil, *, closed: bool = False, tail: int = 0) -> Factors:
     """Eliminate the system of `stencil`; the lines run along the second axis.
 
-    `closed`: the last node of a line is the neighbour of its first, as on a ring.
+    `closed`: the last node of a line is the neighbour of its first, as on a ring. `tail`: before
+    the first line lies the second one turned round, as on a C-grid, see `Seam`; nodes of the first
+    line on the hole's wall do not change.
     """
-    lower, diagonal, upper = _lines(stencil, closed)
+    lower, diagonal, upper = _lines(stencil, closed, tail)
 
     def step(above: Array, blocks: tuple[Array, Array, Array]) -> tuple[Array, tuple]:
         low, diag, up = blocks

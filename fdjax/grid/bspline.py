@@ -133,6 +133,20 @@ def closed(coefficients: Array, axis: int) -> Array:
     return jnp.take(coefficients, (np.arange(count + 3) - 1) % count, axis)
 
 
+def folded(coefficients: Array, sign: float = 1.0) -> Array:
+    """The coefficients of a field that goes on beyond its first side as itself, turned by a half.
+
+    `f(-s, t) = sign f(s, 1 - t)`, s along the first axis, t along the second: smooth across s = 0
+    wherever places t and 1 - t of it are one. Of those given the first along s are not used; where
+    there is but one it is made symmetrical.
+    """
+    turned = sign * coefficients[:, ::-1]
+    if len(coefficients) == 1:
+        return (coefficients + turned) / 2
+    middle = (coefficients[1:2] + turned[1:2]) / 2
+    return jnp.concatenate([turned[2:3], middle, coefficients[2:]])
+
+
 @cache
 def closed_interpolation(nodes: int) -> np.ndarray:
     """Matrix (nodes + 3, nodes) from values at places k / nodes of a period to coefficients.
@@ -142,6 +156,13 @@ def closed_interpolation(nodes: int) -> np.ndarray:
     turn = np.roll(np.eye(nodes), 1, axis=0)
     around = np.linalg.inv((4 * np.eye(nodes) + turn + turn.T) / 6)
     return around[(np.arange(nodes + 3) - 1) % nodes]
+
+
+def pieces(nodes: Float[Array, "n 2"], step: float) -> Float[Array, "n-1 4 2"]:
+    """The spline through nodes, `step` of a parameter apart, as pieces of a `Curve`; n >= 4."""
+    a, b, c, d = (interpolation(len(nodes))[k : k + len(nodes) - 1] @ nodes for k in range(4))
+    powers = [(a + 4 * b + c) / 6, (c - a) / 2, (a - 2 * b + c) / 2, (d - 3 * c + 3 * b - a) / 6]
+    return jnp.stack([power / step**k for k, power in enumerate(powers)], 1)
 
 
 @cache

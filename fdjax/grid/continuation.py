@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from fdjax.grid.seam import Seam
 from fdjax.grid.solvers import HISTORY, AbstractSolver, Report
 from fdjax.grid.winslow import ControlFunctions
 
@@ -48,8 +49,8 @@ class Continuation(AbstractSolver):
         return self.solver.tolerance
 
     @property
-    def closed(self) -> bool:
-        return self.solver.closed
+    def seam(self) -> Seam:
+        return self.solver.seam
 
     def solve(
         self,

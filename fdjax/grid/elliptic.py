@@ -15,9 +15,11 @@ from fdjax.errors import InputError
 from fdjax.grid import block_tridiagonal, bspline, multigrid, operators, winslow
 from fdjax.grid.algebraic import Spacings, Transfinite, between_walls
 from fdjax.grid.base import AbstractGridMap, Sides
+from fdjax.grid.seam import OPEN, Seam
 from fdjax.grid.solvers import AbstractSolver, Multigrid, Report
-from fdjax.grid.transfer import Pair, each, interior, planes, points, rejoined, walled
+from fdjax.grid.transfer import Pair, each, interior, planes, points, walled
 from fdjax.grid.winslow import ControlFunctions
+from fdjax.part.curve import Curve
 from fdjax.precision import require_float64
 
 
@@ -30,7 +32,7 @@ def solve(
     """The lattice that satisfies the elliptic equations, and how the solve went.
 
     - `start`: the boundary nodes, which stay, and a first guess inside. Where the solver is one of
-      closed lattices, only the first and the last row are boundaries.
+      closed lattices, only the first and the last row are boundaries; see `Seam`.
     - `controls`: control functions per index step.
     - `warm`: whether the guess is near the solution; see `AbstractSolver.solve`.
 
@@ -84,20 +86,23 @@ def _solve_jvp(solver: AbstractSolver, warm: bool, primals: tuple, tangents: tup
     start, controls = primals
     start_dot, controls_dot = tangents
     r, report = _solve(solver, warm, start, controls)
-    boundary_dot = start_dot.at[1:-1, 1:-1].set(0.0)
-    whole = rejoined if solver.closed else lambda nodes: nodes
-    if solver.closed:
+    seam = solver.seam
+    boundary_dot = start_dot - points(seam.free(planes(start_dot)))
+    if seam.closed:
         boundary_dot = boundary_dot.at[1:-1].set(0.0)
+    boundary_dot = seam.whole(boundary_dot)
 
     def left(nodes: Array, functions: ControlFunctions) -> Pair:
-        return operators.equations_of(functions).residual(planes(whole(nodes)))
+        return seam.free(operators.equations_of(functions).residual(planes(seam.whole(nodes))))
 
     def apply(change: Pair) -> Pair:
-        return jax.jvp(lambda nodes: left(nodes, controls), (r,), (points(change),))[1]
+        kept = each(jnp.subtract, each(interior, change), seam.free(change))
+        moved = jax.jvp(lambda nodes: left(nodes, controls), (r,), (points(change),))[1]
+        return each(jnp.add, moved, kept)
 
     _, residual_dot = jax.jvp(left, (r, controls), (boundary_dot, controls_dot))
     solve_forward, solve_transposed = _linear_solves(
-        r, controls, min(0.1 * solver.tolerance, LINEAR), closed=solver.closed
+        r, controls, min(0.1 * solver.tolerance, LINEAR), seam
     )
     inside_dot = jax.lax.custom_linear_solve(
         apply,
@@ -105,7 +110,7 @@ def _solve_jvp(solver: AbstractSolver, warm: bool, primals: tuple, tangents: tup
         solve=lambda _, b: solve_forward(b),
         transpose_solve=lambda _, b: solve_transposed(b),
     )
-    r_dot = whole(boundary_dot + points(each(interior, inside_dot)))
+    r_dot = seam.whole(boundary_dot + points(seam.free(inside_dot)))
     return (r, report), (r_dot, jax.tree.map(_no_tangent, report))
 
 
@@ -119,17 +124,18 @@ _Solve = Callable[[Pair], Pair]
 
 
 def _linear_solves(
-    r: Float[Array, "ni nj 2"], controls: ControlFunctions, tolerance: float, *, closed: bool
+    r: Float[Array, "ni nj 2"], controls: ControlFunctions, tolerance: float, seam: Seam
 ) -> tuple[_Solve, _Solve]:
     """Solutions of the linearised equations and of their transpose, for any number of right sides.
 
     Right sides and solutions are planes with zeros on the walls. Elimination serves many right
     sides at little more than the cost of one, but its own cost grows with the cube of a line's
-    nodes; multigrid's grows with the nodes, for each right side. Closed lattices are eliminated.
+    nodes; multigrid's grows with the nodes, for each right side. Lattices with a seam are always
+    eliminated.
     """
     terms = operators.derivative(planes(r), operators.equations_of(controls))
-    if closed or r.shape[1] <= ELIMINATED:
-        factors = block_tridiagonal.factor(operators.stencil(terms), closed=closed)
+    if seam != OPEN or r.shape[1] <= ELIMINATED:
+        factors = seam.factor(operators.stencil(terms))
 
         def by_elimination(eliminate: Callable[[Any, Array], Array]) -> _Solve:
             def solve(rhs: Pair) -> Pair:
@@ -180,15 +186,22 @@ class NodeMap(AbstractGridMap):
         spacings: Spacings,
         *,
         closed: bool = False,
+        tail: int = 0,
     ) -> "NodeMap":
         """The map through `nodes` (at least 4 each way) at equally spaced (xi, eta).
 
-        `closed`: along eta the nodes are those of a ring, each once, from eta = 0 on.
+        `closed`: along eta the nodes are those of a ring, each once, from eta = 0 on. `tail`: the
+        first so many columns, and the last, go on across xi = 0 as each other, turned round.
         """
         ni, nj = nodes.shape[:2]
         along_eta = bspline.closed_interpolation if closed else bspline.interpolation
-        coefficients = jnp.einsum("ki,lj,ijc->klc", bspline.interpolation(ni), along_eta(nj), nodes)
-        return cls(coefficients, sides, spacings)
+        of_xi = jnp.einsum("ki,ijc->kjc", bspline.interpolation(ni), nodes)
+        if tail:
+            across = jnp.concatenate([nodes[:0:-1, ::-1], nodes])
+            smooth = jnp.einsum("ki,ijc->kjc", bspline.interpolation(len(across))[ni - 1 :], across)
+            cut = np.minimum(np.arange(nj), np.arange(nj)[::-1]) < tail
+            of_xi = jnp.where(cut[:, None], smooth, of_xi)
+        return cls(jnp.einsum("kjc,lj->klc", of_xi, along_eta(nj)), sides, spacings)
 
     def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
         r = bspline.field(self.coefficients, xi, eta)
@@ -239,6 +252,11 @@ class Elliptic(eqx.Module):
     trace in the result. nj is then the number of nodes around, each counted once, and controls at
     nodes have shape (ni - 2, nj), at eta = 0, 1/nj, ... It keeps to uniform spacings of its walls.
 
+    With a solver of C-grids, whose `tail` is more than 0, `left` is a cut to a hole, the hole's
+    wall and the cut again, as `fdjax.part.slit` has them; of the cut only the ends stay, and the
+    grid is smooth across it. Controls at nodes have shape (ni - 1, nj - 2), from xi = 0 on; there
+    those of one side of the cut must be the other's, turned round and of the other sign.
+
     Raises `InputError` for too few nodes, controls that are not finite and sides that do not meet.
     """
 
@@ -281,13 +299,16 @@ class Elliptic(eqx.Module):
         """The transfinite lattice to start from and the controls per index step: for a solver."""
         require_float64()
         ni, nj = self.nodes
-        if self.solver.closed:
+        seam = self.solver.seam
+        if seam.closed:
             nj += 1
             around = np.arange(-1, nj) % (nj - 1) / (nj - 1)
         else:
             around = np.linspace(0, 1, nj)
         xi, eta = jnp.linspace(0, 1, ni)[:, None], jnp.asarray(around)[None]
         start = Transfinite(self.sides, self.spacings)(xi, eta)
+        if seam.tail:
+            start = seam.whole(jnp.concatenate([start[:1], start]))
         controls = ControlFunctions(
             jnp.asarray(self.phi / (ni - 1) + self.phi_index),
             jnp.asarray(self.psi / (nj - 1) + self.psi_index),
@@ -313,6 +334,8 @@ class Elliptic(eqx.Module):
         cold, controls = self.problem()
         if start is None:
             return solve(self.solver, cold, controls)
+        if self.solver.seam.tail:
+            raise InputError("grid: a C-grid is solved from its transfinite lattice only")
         if start.shape != cold.shape:
             raise InputError(f"grid: start has shape {start.shape}; the nodes have {cold.shape}")
         moved = start + between_walls(cold - start)
@@ -325,6 +348,21 @@ class Elliptic(eqx.Module):
         `start`: as for `solve`.
         """
         nodes, report = self.solve(start)
-        closed = self.solver.closed
-        nodes = nodes[:, 1:-1] if closed else nodes
-        return NodeMap.through(nodes, self.sides, self.spacings, closed=closed), report
+        seam, sides = self.solver.seam, self.sides
+        if seam.closed:
+            nodes = nodes[:, 1:-1]
+        if seam.tail:
+            nodes = nodes[1:]
+            sides = sides._replace(left=_with_cut(sides.left, nodes[0], seam.tail))
+        made = NodeMap.through(nodes, sides, self.spacings, closed=seam.closed, tail=seam.tail)
+        return made, report
+
+
+def _with_cut(left: Curve, nodes: Float[Array, "nj 2"], tail: int) -> Curve:
+    """The side xi = 0 of a C-grid, its cut smooth through the nodes."""
+    run = np.linspace(0, 1, len(nodes))
+    ends = nodes[: tail + 1], nodes[len(nodes) - tail - 1 :]
+    before, after = (bspline.pieces(each, run[1]) for each in ends)
+    breaks: Any = jnp.concatenate([run[:tail], jnp.asarray(left.breaks)[1:-1], run[-tail:]])
+    pieces: Any = jnp.concatenate([before, jnp.asarray(left.coefficients)[1:-1], after])
+    return Curve(breaks, pieces, corners=True)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from fdjax.grid.transfer import Pair, Plane, each, restricted, walled
@@ -355,11 +356,19 @@ def equations_of(controls: ControlFunctions) -> GridEquations:
     )
 
 
-def mean_correction(equations: GridEquations, u: Pair) -> Float[Array, "*lanes"]:
-    """Mean absolute Gauss-Seidel correction of a coordinate, mm: the measure of convergence."""
+def mean_correction(
+    equations: GridEquations, u: Pair, inside: np.ndarray | None = None
+) -> Float[Array, "*lanes"]:
+    """Mean absolute Gauss-Seidel correction of a coordinate, mm: the measure of convergence.
+
+    - `inside`: 1 at the interior nodes that count, 0 at others; None: all do.
+    """
     lines = equations.lines(u, None, _ALL)
     x, y = lines.residual
-    return _total((jnp.abs(x) + jnp.abs(y)) / lines.diagonal) / (2 * x.shape[0] * x.shape[1])
+    size = (jnp.abs(x) + jnp.abs(y)) / lines.diagonal
+    if inside is not None:
+        return _total(size * inside) / (2 * inside.sum())
+    return _total(size) / (2 * x.shape[0] * x.shape[1])
 
 
 def _total(values: Array) -> Float[Array, "*lanes"]:

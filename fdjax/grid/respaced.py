@@ -107,7 +107,7 @@ class Respaced(AbstractGridMap):
     joint: bool = eqx.field(static=True, default=False)
 
     def __call__(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> Float[Array, "... 2"]:
-        return self.base(*self._places(xi, eta))
+        return self.base(*self.places(xi, eta))
 
     def with_tangents(
         self, xi: Float[Array, "..."], eta: Float[Array, "..."]
@@ -115,9 +115,9 @@ class Respaced(AbstractGridMap):
         if self.joint:
             places, by_xi, by_eta = self._joint(xi, eta)
         else:
-            places = self._places(xi, eta)
-            _, by_xi = jax.jvp(lambda t: self._places(t, eta), (xi,), (jnp.ones_like(xi),))
-            _, by_eta = jax.jvp(lambda t: self._places(xi, t), (eta,), (jnp.ones_like(eta),))
+            places = self.places(xi, eta)
+            _, by_xi = jax.jvp(lambda t: self.places(t, eta), (xi,), (jnp.ones_like(xi),))
+            _, by_eta = jax.jvp(lambda t: self.places(xi, t), (eta,), (jnp.ones_like(eta),))
         xy, along = _with_tangents(self.base, *places)
 
         def chained(by: tuple[Array, Array]) -> Float[Array, "... 2"]:
@@ -125,8 +125,8 @@ class Respaced(AbstractGridMap):
 
         return xy, Tangents(chained(by_xi), chained(by_eta))
 
-    def _places(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> tuple[Array, Array]:
-        """Of the base map."""
+    def places(self, xi: Float[Array, "..."], eta: Float[Array, "..."]) -> tuple[Array, Array]:
+        """Where (xi, eta) lies on the base map."""
         if self.joint:
             return self._joint(xi, eta)[0]
         u = self.u(xi, eta) if isinstance(self.u, SpacingField) else self.u(xi)

@@ -16,9 +16,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from fdjax.grid import batches, block_tridiagonal, multigrid, operators, winslow
-from fdjax.grid.algebraic import between_walls
 from fdjax.grid.operators import GridEquations
-from fdjax.grid.transfer import Pair, each, planes, points, rejoined, walled
+from fdjax.grid.seam import OPEN, Seam
+from fdjax.grid.transfer import Pair, each, planes, points, walled
 from fdjax.grid.winslow import ControlFunctions
 
 CONVERGED, STALLED, TOO_LONG = 0, 1, 2
@@ -102,14 +102,14 @@ class AbstractSolver(ABC):
     """Static, hashable settings and the method that uses them.
 
     - `tolerance`: what the mean correction has to come down to, of that of the starting lattice.
-    - `closed`: whether lattices are rings along eta, as `fdjax.grid.transfer.rejoined` has them.
+    - `seam`: how lattices are sewn to themselves.
     """
 
     tolerance: float
 
     @property
-    def closed(self) -> bool:
-        return False
+    def seam(self) -> Seam:
+        return OPEN
 
     @abstractmethod
     def solve(
@@ -130,15 +130,16 @@ def _measured(
     controls: ControlFunctions,
     tolerance: float,
     warm: Bool[Array, ""] | bool,
+    seam: Seam = OPEN,
 ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Mean correction of the start, the one that `tolerance` is of, and the one to reach, mm.
 
     The last is as asked, but not below what rounding leaves.
     """
     equations = operators.equations_of(controls)
-    first = unit = operators.mean_correction(equations, planes(start))
+    first = unit = seam.mean_correction(equations, planes(start))
     if warm is not False:
-        cold = operators.mean_correction(equations, planes(between_walls(start)))
+        cold = seam.mean_correction(equations, planes(seam.cold(start)))
         unit = jnp.where(warm, cold, first)
     least = 8 * jnp.finfo(start.dtype).eps * jnp.abs(start).max()
     return first, unit, jnp.maximum(tolerance * unit, least)
@@ -152,12 +153,19 @@ class Newton(AbstractSolver):
     it so. Stops when the mean correction is below `tolerance` times that of the starting lattice,
     or as small as rounding lets it be. From an unfolded start, where controls are so strong that
     the solution itself is folded, it stops short of it: unfolded and unconverged.
+
+    - `closed`, `tail`: as of `Seam`.
     """
 
     tolerance: float = 1e-10
     max_steps: int = 40
     halvings: int = 12
-    closed: bool = False  # pyright: ignore[reportIncompatibleMethodOverride]
+    closed: bool = False
+    tail: int = 0
+
+    @property
+    def seam(self) -> Seam:
+        return Seam(self.closed, self.tail)
 
     def solve(
         self,
@@ -165,27 +173,29 @@ class Newton(AbstractSolver):
         controls: ControlFunctions,
         warm: Bool[Array, ""] | bool = False,
     ) -> tuple[Float[Array, "ni nj 2"], Report]:
-        first, unit, goal = _measured(start, controls, self.tolerance, warm)
+        seam = self.seam
+        first, unit, goal = _measured(start, controls, self.tolerance, warm, seam)
         equations = operators.equations_of(controls)
 
         def step(state: tuple) -> tuple:
             r, progress = state
-            rhs = -winslow.residual(r, controls)
+            rhs = seam.free(planes(-walled(winslow.residual(r, controls))))
             terms = operators.derivative(planes(r), equations)
-            factors = block_tridiagonal.factor(operators.stencil(terms), closed=self.closed)
-            trial = r + walled(block_tridiagonal.solve(factors, rhs))
-            trial = rejoined(trial) if self.closed else trial
+            factors = seam.factor(operators.stencil(terms))
+            change = block_tridiagonal.solve(factors, points(rhs)[1:-1, 1:-1])
+            trial = seam.whole(r + walled(change))
             cut, size, better = _cut_back(
                 planes(r),
                 planes(trial),
                 progress.size,
                 equations,
                 self.halvings,
+                seam=seam,
             )
             return points(cut), progress.after(size, ~better)
 
         r, progress = _iterate(step, start, first, goal, self.max_steps)
-        return r, Report.of(r, progress, unit, goal, self.max_steps)
+        return r, Report.of(points(seam.own(planes(r))), progress, unit, goal, self.max_steps)
 
 
 def _iterate(
@@ -213,6 +223,7 @@ def _cut_back(
     halvings: int,
     *,
     or_whole: bool = False,
+    seam: Seam = OPEN,
 ) -> tuple[Pair, Float[Array, "*lanes"], Bool[Array, "*lanes"]]:
     """The longest of the steps 1, 1/2, 1/4 ... from u to `trial` that is good, if any is.
 
@@ -220,7 +231,7 @@ def _cut_back(
     `or_whole`, where none is good, the whole one is taken if it lowers `size` at least. Returns
     the lattice, its mean correction, and whether a step was taken.
     """
-    keep_unfolded = ~operators.folded(u)
+    keep_unfolded = ~seam.folded(u)
 
     def at(share: Array) -> Pair:
         return each(
@@ -229,7 +240,7 @@ def _cut_back(
 
     def judged(share: Array) -> _Trial:
         there = at(share)
-        return _Trial(share, operators.mean_correction(equations, there), operators.folded(there))
+        return _Trial(share, seam.mean_correction(equations, there), seam.folded(there))
 
     def good(state: _Trial) -> Array:
         return (state.size < size) & ~(keep_unfolded & state.folded)

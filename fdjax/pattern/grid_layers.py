@@ -12,6 +12,7 @@ from fdjax.grid.base import AbstractGridMap, norm, tangents
 from fdjax.pattern.embedded_lines import with_fine
 from fdjax.pattern.grid_controls import Controls
 from fdjax.pattern.grid_tracing import along, margins, spiral, traced
+from fdjax.pattern.slit_lines import across, around, eta_places, on_base, xi_places
 from fdjax.pattern.width import AbstractWidth
 from fdjax.programs import program
 from fdjax.road import porosity
@@ -33,16 +34,23 @@ road's width beyond."""
 def layers(pattern: "GridLines", controls: Controls, points: int) -> Iterator[Sequence[Lines]]:
     """What is to be laid on each layer, of lines traced at so many points."""
     counts = int(pattern.comb[0]), int(pattern.comb[1])
-    xi, eta = (
-        jnp.asarray(Scan(family).places(count))
-        for family, count in zip(FAMILIES, counts, strict=True)
-    )
+    xi, eta = (Scan(family).places(count) for family, count in zip(FAMILIES, counts, strict=True))
+    xi = xi[:, None]
     shape = shape_of(pattern, controls)
-    edge = margins(*shape, points, closed=pattern.closed)
-    lines = traced(*shape, edge, (xi, eta))
+    tail, phases = pattern.tail, pattern.stacking.phases
+    begins = eta
+    if tail is not None:
+        run, eta = (
+            around(_on_base(shape[0], each), tail) for each in (np.linspace(0, 1, points), eta)
+        )
+        xi, eta = xi_places(run, counts[0], phases), eta_places(eta, counts[1], phases)
+        begins = _on_base(shape[0], eta)
+    edge = margins(*shape, points, closed=pattern.closed, tail=tail)
+    lines = traced(*shape, edge, (jnp.asarray(xi), jnp.asarray(eta)))
     starts = np.zeros(len(eta), int)
     if pattern.apart is not None:
-        starts = _starts(pattern, np.asarray(_spacing(pattern, shape[0], eta, points)))
+        spacing = _spacing(pattern, shape[0], jnp.asarray(eta), points)
+        starts = _starts(pattern, np.asarray(spacing))
     made: dict[Scan, Lines] = {}
     for layer in pattern.stacking.scans:
         for scan in layer:
@@ -55,6 +63,8 @@ def layers(pattern: "GridLines", controls: Controls, points: int) -> Iterator[Se
                 xy, width = _around(pattern, shape, edge, scan, xy, width)
             elif pattern.closed:
                 level = _levels(scan, len(level))
+            elif tail is not None and scan.family == "eta":
+                xy, width, level = across(xy, width, begins[part], tail)
             begin = starts[part] if scan.family == "eta" else np.zeros(len(xy), int)
             own = Lines(
                 scan.family,
@@ -72,6 +82,10 @@ def layers(pattern: "GridLines", controls: Controls, points: int) -> Iterator[Se
                 )  # fmt: skip
             made[scan] = own
         yield [made[scan] for scan in layer]
+
+
+def _on_base(grid: AbstractGridMap, eta: Floats) -> Floats:
+    return np.asarray(eqx.filter_jit(on_base)(grid, jnp.asarray(eta)))
 
 
 def _levels(scan: Scan, count: int) -> Floats:

@@ -22,6 +22,7 @@ from fdjax.pattern.embedded_lines import border_joins
 from fdjax.pattern.grid_controls import Controls
 from fdjax.pattern.grid_layers import layers, shape_of
 from fdjax.pattern.maps import CLOSED, MAPS, NEED_BASE
+from fdjax.pattern.slit_lines import on_base, on_hole, walled
 from fdjax.pattern.width import AbstractWidth, SplineWidth, UniformWidth, within
 from fdjax.programs import program
 from fdjax.road import porosity
@@ -67,6 +68,8 @@ class GridLines(AbstractPattern):
       it is; `base_made`: whether it could be made.
     - `apart`: on a disc, where `left` is but a point at which eta lines would meet, every second
       one ends where they come nearer than this, mm; else None.
+    - `tail`: of a C-grid, from which eta of its base on to 1 - `tail` the side xi = 0 is the hole's
+      wall; elsewhere it is the cut, both sides of which are one. Else None.
     - `spiral`: whether a closed map's xi lines are one spiral on each layer.
     - `embedded`: zones in which a map with four sides has finer lines between its own.
     - `notes`: what was found of the map as it was made.
@@ -96,6 +99,7 @@ class GridLines(AbstractPattern):
     base: AbstractGridMap | None = None
     base_made: Bool[Array, ""] | bool = True
     apart: float | None = None
+    tail: float | None = None
     spiral: bool = eqx.field(static=True, default=False)
     embedded: Embedded = eqx.field(static=True, default=Embedded(()))
     notes: tuple[str, ...] = eqx.field(static=True, default=())
@@ -138,11 +142,15 @@ class GridLines(AbstractPattern):
             width = UniformWidth(within(controls.width, low, high))
         else:
             values = bspline.closed(controls.width, 1) if self.closed else controls.width
+            values = values if self.tail is None else bspline.folded(values)
             width = SplineWidth(values, low, high)
         return grid, made, width
 
     def deposit(self, realised: Realised) -> Points:
-        width = realised.width
+        width, left = realised.width, None
+        if self.tail is not None:
+            begins = on_base(realised.grid, self.samples[1].places)
+            left = walled(begins, self.tail), on_hole(begins, self.tail)
         xy, volume = porosity.line_deposit(
             realised.lattice,
             width,
@@ -150,6 +158,7 @@ class GridLines(AbstractPattern):
             self.lines_per_layer,
             self.stacking,
             closed=self.closed,
+            left=left,
             least_spacing=self.apart,
             times=self.embedded.times if self.embedded.zones else None,
         )
@@ -241,8 +250,9 @@ class GridLines(AbstractPattern):
         if self.counts_fixed or laid <= 0:
             return self
         counts = [int(n) for n in self.comb]
-        # Eta lines of a disc are as many as can be halved.
+        # Eta lines of a disc are as many as can be halved, xi lines of a C on each layer as many.
         more = int(np.argmax(counts)) if self.apart is None else 0
+        more = more if self.tail is None else 1
         share = laid / float(_volume(self))
 
         def model(extra: int) -> float:

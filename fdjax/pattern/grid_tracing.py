@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array
 
 from fdjax.grid.base import AbstractGridMap, tangents
+from fdjax.pattern.slit_lines import mirrored, on_base, walled
 from fdjax.pattern.width import AbstractWidth
 from fdjax.programs import program
 from fdjax.road import porosity
@@ -18,21 +19,37 @@ _BATCH = 32
 
 
 @program
-def margins(grid: AbstractGridMap, width: AbstractWidth, points: int, *, closed: bool) -> Margins:
-    """Off the walls that a family runs along, lines keep half of the widest road."""
+def margins(
+    grid: AbstractGridMap,
+    width: AbstractWidth,
+    points: int,
+    *,
+    closed: bool,
+    tail: float | None = None,
+) -> Margins:
+    """Off the walls that a family runs along, lines keep half of the widest road.
+
+    `tail`: of a C-grid, whose side xi = 0 is a wall from there to 1 - `tail` only.
+    """
     run, ends = jnp.linspace(0, 1, points), jnp.array([0.0, 1.0])
     _, xi_walls = tangents(grid, ends[:, None], run[None])
     _, eta_walls = tangents(grid, run[:, None], ends[None])
-    return Margins.of(xi_walls, eta_walls, porosity.widest(width) / 2, closed=closed)
+    edge = Margins.of(xi_walls, eta_walls, porosity.widest(width) / 2, closed=closed)
+    if tail is None:
+        return edge
+    return mirrored(edge._replace(left=edge.left * walled(on_base(grid, run), tail)))
 
 
 def traced(
     grid: AbstractGridMap, width: AbstractWidth, edge: Margins, combs: tuple[Array, Array]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of both families, points of the lines from wall to wall, and their widths."""
+    """Of both families, points of the lines from wall to wall, and their widths.
+
+    `combs`: places of the xi lines, (lines, points or 1), and of the eta lines, (lines,).
+    """
     combs, edge = jax.device_get((combs, edge))
     run = np.linspace(0, 1, len(edge.left))
-    of_xi = combs[0][:, None] + edge.shift_xi(combs[0])
+    of_xi = combs[0] + edge.left - combs[0] * (edge.left + edge.right)
     of_eta = combs[1][:, None] + edge.shift_eta(combs[1]).T
     xy, widths = along(
         grid,

@@ -14,7 +14,8 @@ from fdjax.grid.polar import Polar
 from fdjax.part.annulus import ROUND, Annulus, Circle, between_circles
 from fdjax.part.part import Part
 from fdjax.part.patch import Patch, from_polygon
-from fdjax.pattern.maps import CLOSED
+from fdjax.part.slit import Slit
+from fdjax.pattern.maps import CLOSED, SLIT
 from fdjax.target.target import Target
 
 VERTICES = 64
@@ -30,7 +31,7 @@ class Domain:
 
     - `sides`: on a ring `left` and `right` are closed, `bottom` and `top` both the cut.
     - `cut_out`: a polygon whose holes are cut out of the lines.
-    - `closed`, `disc`, `base`, `notes`: as of `GridLines`.
+    - `closed`, `disc`, `base`, `tail`, `notes`: as of `GridLines`.
     """
 
     sides: Sides
@@ -38,6 +39,7 @@ class Domain:
     closed: bool = False
     disc: bool = False
     base: AbstractGridMap | None = None
+    tail: float | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -55,11 +57,26 @@ class Domain:
         return max(bottom, top), max(left, right)
 
 
-def domain_of(kind: str, part: Part, target: Target, road_width: float) -> Domain:
-    """What a map of this kind is of. Raises `InputError` for a part that it cannot be of."""
+def domain_of(
+    kind: str,
+    part: Part,
+    target: Target,
+    road_width: float,
+    *,
+    cut: tuple[float, float] | None = None,
+    steps: int = 64,
+) -> Domain:
+    """What a map of this kind is of. Raises `InputError` for a part that it cannot be of.
+
+    `cut`, `steps`: of maps that are cut open, as of `Slit.of`.
+    """
     polygon = polygon_of(part, target, "lines of a map need four sides on all layers")
     if kind == "conformal":
         return _conformal(part.patch or from_polygon(polygon))
+    if kind in SLIT:
+        slit = Slit.of(polygon, f'map "{kind}"', cut, steps=steps)
+        sides = Sides(slit.bottom, slit.right, slit.top, slit.left)
+        return Domain(sides, Polygon(polygon.exterior), tail=slit.tail)
     if kind not in CLOSED:
         patch = part.patch or from_polygon(polygon)
         return Domain(Sides.of(patch), patch.outline)

@@ -13,7 +13,7 @@ from fdjax.errors import InputError
 from fdjax.grid.continuation import Continuation
 from fdjax.grid.solvers import SOR, AbstractSolver, Multigrid, Newton
 from fdjax.grid.spacing import fit_log_density
-from fdjax.keys import FLAG, choice, choices, key, number, pair, whole
+from fdjax.keys import FLAG, POINT, choice, choices, key, number, pair, whole
 from fdjax.limits import Limits
 from fdjax.part.part import Part
 from fdjax.pattern.base import AbstractSettings, mode_key, phases_key, road_width_key
@@ -22,7 +22,7 @@ from fdjax.pattern.grid_controls import Controls
 from fdjax.pattern.grid_lines import GridLines, comb_of
 from fdjax.pattern.line_counts import Start, begin
 from fdjax.pattern.map_domain import Domain, domain_of
-from fdjax.pattern.maps import CLOSED, MAPS, STRETCHINGS, solved_once
+from fdjax.pattern.maps import CLOSED, MAPS, SLIT, STRETCHINGS, solved_once
 from fdjax.pattern.width import free_of
 from fdjax.programs import program
 from fdjax.road.bead import section_area
@@ -49,9 +49,10 @@ _MAP_CONTROLS = {
     "o-transfinite": ("spacing", "spacing_field"),
     "o-elliptic": ("spacing", "spacing_field", "phi", "psi"),
     "o-conformal": ("spacing", "spacing_field"),
+    "c-elliptic": ("spacing", "spacing_field", "phi", "psi"),
 }
 
-ALONG_AXES = ("uniform", "conformal", *CLOSED)
+ALONG_AXES = ("uniform", "conformal", *CLOSED, *SLIT)
 """Maps whose `spacing` is one along each axis, and not one along each side."""
 
 FIELD = (16, 24), (12, 5)
@@ -63,6 +64,9 @@ PLAY = {"play": 0.45}
 
 INSIDE = 0.4
 """Share of the material in the middle of a disc that eta lines bring; the rest xi lines do."""
+
+FEWEST = 17
+"""Nodes along eta that a C-grid needs at least, for both sides of its cut and the hole between."""
 
 HALVED = 8
 """The eta lines of a disc are a multiple of this, so that every second one can end three times."""
@@ -142,6 +146,10 @@ class MapLines(AbstractSettings):
     spiral: bool = key(
         FLAG, "rings: xi lines as one spiral on each layer, and not as circles", default=False
     )
+    cut: tuple[float, float] | None = key(
+        POINT, "C-grids: where on the outline the cut to the hole begins, mm", default=None,
+        shown="nearest to the hole",
+    )  # fmt: skip
     embedded: tuple[Wanted, ...] = key(
         EMBEDDED, "zones in which each cell of the lines is divided, in turn; `auto`: where the "
         "target asks for it", default=[],
@@ -169,10 +177,18 @@ class MapLines(AbstractSettings):
                 raise InputError(f"controls: {name} and {name}_field exclude each other")
         if self.spiral and self.map not in CLOSED:
             raise InputError(f'spiral: map "{self.map}" has no closed lines')
-        if self.map in CLOSED and self.solver != "newton":
+        if self.map in (*CLOSED, *SLIT) and self.solver != "newton":
             raise InputError(f'solver: map "{self.map}" is solved by "newton" only')
         if self.embedded and self.spiral:
             raise InputError("embedded: a spiral has no cells; leave spiral or embedded out")
+        if self.embedded and self.map in SLIT:
+            raise InputError(f'embedded: map "{self.map}" is cut open; no zone can cross the cut')
+        if self.map in SLIT and self.nodes[1] < FEWEST:
+            raise InputError(
+                f'nodes: map "{self.map}" needs at least {FEWEST} along eta, not {self.nodes[1]}'
+            )
+        if self.cut is not None and self.map not in SLIT:
+            raise InputError(f'cut: map "{self.map}" has none; {" and ".join(SLIT)} have')
 
     @property
     def corrections(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -204,7 +220,9 @@ class MapLines(AbstractSettings):
         Raises `InputError` for a part of several regions, a target that varies along z, and one
         beyond what spacing and span allow.
         """
-        domain = domain_of(self.map, part, target, self.road_width)
+        domain = domain_of(
+            self.map, part, target, self.road_width, cut=self.cut, steps=self.nodes[1] - 1
+        )
 
         def base(asked: Callable[[Any, Any], Any]) -> GridLines:
             return self._begun(domain, part, asked, limits, window)
@@ -248,6 +266,12 @@ class MapLines(AbstractSettings):
             whole = HALVED * stacking.phases
             rays = max(1, round(start.comb[1] / whole)) * whole
             start = replace(start, comb=(start.comb[0], rays))
+        if domain.tail is not None:
+            # As many xi lines on each layer, so that those of both sides of the cut go together.
+            phases = stacking.phases
+            start = replace(
+                start, comb=(max(1, round(start.comb[0] / phases)) * phases, start.comb[1])
+            )
         first = self._first(start, domain, limits, window)
         samples = _samples(first, start, domain.lengths, window)
         phi, psi = self.phi_psi
@@ -272,9 +296,10 @@ class MapLines(AbstractSettings):
             kind=self.map,
             stacking=stacking,
             nodes=self.nodes,
-            solver=Continuation(Newton(closed=True)) if domain.closed else SOLVERS[self.solver],
+            solver=self._solver(domain),
             base=domain.base,
             apart=apart,
+            tail=domain.tail,
             spiral=self.spiral,
             notes=domain.notes,
         )
@@ -282,6 +307,11 @@ class MapLines(AbstractSettings):
         # No more skewed than the grid that the outline itself gives.
         skew = np.maximum(pattern.skew_limit, 1.02 * np.asarray(_skew(pattern)))
         return eqx.tree_at(lambda p: p.skew_limit, pattern, jax.device_put(skew))
+
+    def _solver(self, domain: Domain) -> AbstractSolver:
+        if domain.tail is not None:
+            return Continuation(Newton(tail=round(domain.tail * (self.nodes[1] - 1))))
+        return Continuation(Newton(closed=True)) if domain.closed else SOLVERS[self.solver]
 
     def _apart(
         self,

@@ -100,23 +100,30 @@ def _two_boundary(pattern: GridLines, controls: Controls) -> _Map:
 def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
     """The elliptic grid of a pattern at these controls, not solved yet."""
     ni, nj = pattern.nodes
-    closed = pattern.solver.closed
+    seam = pattern.solver.seam
     xi, eta = jnp.linspace(0, 1, ni)[1:-1, None], jnp.linspace(0, 1, nj)[None, 1:-1]
-    if closed:
+    if seam.closed:
         eta = jnp.linspace(0, 1, nj + 1)[None, :-1]
+    if seam.tail:
+        xi = jnp.linspace(0, 1, ni)[:-1, None]
 
-    def control(constant: float, spline: Array | None) -> Array | float:
+    def control(constant: float, spline: Array | None = None) -> Array | float:
+        if seam.tail:
+            # Across the cut xi and eta point the other way.
+            constant = jnp.full((ni - 1, nj - 2), constant).at[0].set(0.0)
         if spline is None:
             return constant
-        return constant + bspline.field(bspline.closed(spline, 1) if closed else spline, xi, eta)
+        spline = bspline.closed(spline, 1) if seam.closed else spline
+        spline = bspline.folded(spline, -1.0) if seam.tail else spline
+        return constant + bspline.field(spline, xi, eta)
 
     return Elliptic(
         pattern.sides,
         _spacings(controls),
         control(pattern.phi, controls.phi),
         control(pattern.psi, controls.psi),
-        pattern.p,
-        pattern.q,
+        control(pattern.p),
+        control(pattern.q),
         pattern.nodes,
         controls.spacing is not None,
         pattern.solver,
@@ -133,9 +140,11 @@ def _elliptic(pattern: GridLines, controls: Controls) -> _Map:
 def _respaced(pattern: GridLines, controls: Controls, base: AbstractGridMap) -> AbstractGridMap:
     """A map with its lines as dense as the controls have them."""
     if controls.crowding is None:
-        return Respaced(base, closed=True) if pattern.closed else base
+        whole = pattern.closed or pattern.tail is not None
+        return Respaced(base, closed=pattern.closed) if whole else base
     of_xi, of_eta = controls.crowding
     of_eta = bspline.closed(of_eta, 1) if pattern.closed else of_eta
+    of_eta = of_eta if pattern.tail is None else bspline.folded(of_eta)
     rows_xi, rows_eta = (jax.vmap(DensitySpacing.of)(each) for each in (of_xi, of_eta))
     return Respaced(
         base,
@@ -171,6 +180,7 @@ MAPS: dict[str, Callable[[GridLines, Controls], _Map]] = {
     "o-transfinite": _o_transfinite,
     "o-elliptic": _elliptic,
     "o-conformal": _of_base,
+    "c-elliptic": _elliptic,
 }
 """The grid maps by name: a new one is one function here."""
 
@@ -198,3 +208,6 @@ def _solved(pattern: GridLines) -> tuple[AbstractGridMap, Report]:
 
 CLOSED = ("polar", "o-transfinite", "o-elliptic", "o-conformal")
 """Those that are rings along eta: lines of constant xi are closed, and go around a hole."""
+
+SLIT = ("c-elliptic",)
+"""Those that are cut open from the outline to a hole: lines of constant xi go around it as a C."""

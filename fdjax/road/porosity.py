@@ -147,6 +147,7 @@ def line_deposit(
     stacking: Stacking,
     *,
     closed: bool = False,
+    left: tuple[Float[Array, " m"], Float[Array, " m"]] | None = None,
     least_spacing: Float[Array, ""] | float | None = None,
     times: Callable[[Array], Array] | None = None,
 ) -> LayerDeposit:
@@ -157,6 +158,8 @@ def line_deposit(
       several phases the layers differ.
     - `closed`: whether the map is a ring along eta: there are no walls at its cut, lines of
       constant xi are closed and have no turn-arounds.
+    - `left`: where the side xi = 0 is no wall everywhere, the share of a wall's clearance that
+      lines keep from it, and the share of its turn-arounds that it has, at each place along eta.
     - `least_spacing`: of the eta lines of a disc, mm, which end early towards its middle, and turn
       around at its rim alone; see `kept`. None: all run from wall to wall.
     - `times`: as a function of the place (n, m, 2), mm, how many times as many lines lie there.
@@ -168,6 +171,8 @@ def line_deposit(
     """
     xi, eta, along = lattice.xi, lattice.eta, lattice.along
     edge = Margins.of(along, along, widest(width) / 2, closed=closed)
+    if left is not None:
+        edge = edge._replace(left=edge.left * left[0])
     shift_xi, shift_eta = edge.shift_xi(xi.places), edge.shift_eta(eta.places)
     xy = lattice.xy + along.xi * shift_xi[..., None] + along.eta * shift_eta[..., None]
     area = section_area(width(xi.places[:, None] + shift_xi, eta.places + shift_eta), height)
@@ -181,7 +186,11 @@ def line_deposit(
     else:
         turns_along_eta = share[1] * _covered(eta.places, lines[1])
         turns_along_xi = share[0] * _covered(xi.places, lines[0])
-    walls_xi, walls_eta = _walls(xi.places), _walls(eta.places)
+    walls_xi, walls_eta = _walls(xi.places)[:, None], _walls(eta.places)
+    if left is not None:
+        walls_xi = jnp.concatenate(
+            [left[1][None], jnp.broadcast_to(walls_xi[1:], (len(xi.places) - 1, len(eta.places)))]
+        )
     run_along_eta = share[0] * lines[0] * xi.lines[:, None]
     run_along_xi = share[1] * lines[1] * eta.lines
     if least_spacing is not None:
@@ -191,7 +200,7 @@ def line_deposit(
     if times is not None:
         more = times(xy)
         run_along_eta, run_along_xi = more * run_along_eta, more * run_along_xi
-    run_along_eta = run_along_eta + walls_xi[:, None] * turns_along_eta
+    run_along_eta = run_along_eta + walls_xi * turns_along_eta
     run_along_xi = run_along_xi + walls_eta * turns_along_xi[:, None]
     along_eta = norm(along.eta) * (1 - edge.bottom - edge.top)[:, None] * eta.weights
     along_xi = norm(along.xi) * (1 - edge.left - edge.right) * xi.weights[:, None]
