@@ -108,14 +108,15 @@ def elliptic(pattern: GridLines, controls: Controls) -> Elliptic:
         xi = jnp.linspace(0, 1, ni)[:-1, None]
 
     def control(constant: float, spline: Array | None = None) -> Array | float:
+        given: Any = constant
         if seam.tail:
             # Across the cut xi and eta point the other way.
-            constant = jnp.full((ni - 1, nj - 2), constant).at[0].set(0.0)
+            given = jnp.full((ni - 1, nj - 2), constant).at[0].set(0.0)
         if spline is None:
-            return constant
+            return given
         spline = bspline.closed(spline, 1) if seam.closed else spline
         spline = bspline.folded(spline, -1.0) if seam.tail else spline
-        return constant + bspline.field(spline, xi, eta)
+        return given + bspline.field(spline, xi, eta)
 
     return Elliptic(
         pattern.sides,

@@ -6,6 +6,8 @@ of the cut is what lies on the other, mirrored: place u of a comb there is place
 of a family is therefore led around the hole to the phase that mirrors it.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -20,7 +22,7 @@ from fdjax.road.porosity import Margins
 Floats = np.ndarray
 
 _RAMP = 0.15
-"""Share of the cut, next to the hole, on which xi lines come to the distance that walls ask for."""
+"""Share of the cut, next to the hole, over which it becomes a wall: so design has no step there."""
 
 _FAR = 1_000_003
 """Levels of lines that begin on the hole and of those that cross the cut lie so far apart."""
@@ -33,14 +35,18 @@ def on_base(grid: AbstractGridMap, eta: Float[Array, " m"]) -> Float[Array, " m"
 
 
 def walled(eta: Float[Array, " m"], tail: float) -> Float[Array, " m"]:
-    """How much of a wall the side xi = 0 is, 1 on the hole; `eta` as `on_base` has it."""
+    """What share of a wall's clearance xi lines keep from xi = 0, 1 on all of the hole.
+
+    `eta` as `on_base` has it.
+    """
     from_end = jnp.minimum(eta, 1 - eta)
     return jnp.clip(1 - (tail - from_end) / (_RAMP * tail), 0.0, 1.0)
 
 
 def on_hole(eta: Float[Array, " m"], tail: float) -> Float[Array, " m"]:
-    """1 where lines of constant eta begin on the hole, 0 where on the cut."""
-    return jnp.where((eta >= tail) & (eta <= 1 - tail), 1.0, 0.0)
+    """1 where lines of constant eta begin on the hole, 0 where on the cut, smeared."""
+    from_end = jnp.minimum(eta, 1 - eta)
+    return jnp.clip(0.5 - (tail - from_end) / (_RAMP * tail), 0.0, 1.0)
 
 
 def around(eta: Any, tail: float) -> Any:
@@ -48,33 +54,45 @@ def around(eta: Any, tail: float) -> Any:
     return namespace(eta).clip((eta - tail) / (1 - 2 * tail), 0.0, 1.0)
 
 
-def _steps(share: Floats, comb: int, phases: int) -> list[Floats]:
-    """By how many places of a comb the lines of each phase have moved, of the share around.
+def _moves(comb: int, phases: int) -> list[tuple[int, Callable[[Floats], Floats]]]:
+    """Of each phase, by how many places of a comb its lines move, and what share of it by when.
 
     Phase p becomes the one that mirrors it. A phase and the one that it becomes change places, so
-    that the mean over the phases keeps its density; each such pair on a stretch of its own, so that
-    all others are apart there.
+    that the mean over the phases keeps its density; each such pair on a stretch of its own of the
+    way around the hole, so that all others are apart there.
     """
     partner = [(comb - 1 - phase) % phases for phase in range(phases)]
     pairs = sorted({min(p, q) for p, q in enumerate(partner) if p != q})
-    found = []
-    for p, q in enumerate(partner):
-        number = pairs.index(min(p, q)) if p != q else 0
-        run = np.clip(share * max(len(pairs), 1) - number, 0.0, 1.0)
-        found.append((q - p) * run**2 * (3 - 2 * run))
-    return found
+
+    def moved(share: Floats, number: int) -> Floats:
+        run = np.clip(share * len(pairs) - number, 0.0, 1.0)
+        return run**2 * (3 - 2 * run)
+
+    return [
+        (q - p, partial(moved, number=pairs.index(min(p, q)) if p != q else 0))
+        for p, q in enumerate(partner)
+    ]
 
 
 def xi_places(share: Floats, comb: int, phases: int) -> Floats:
-    """Places u of all lines of constant xi, (comb, points), `share` around the hole (points,)."""
-    steps = _steps(share, comb, phases)
+    """Places u of all lines of constant xi, (comb, points), `share` around the hole (points,).
+
+    `comb` is a multiple of `phases`, so that lines of each layer end where they began.
+    """
+    steps = [by * moved(share) for by, moved in _moves(comb, phases)]
     return np.stack([(k + 0.5 + steps[k % phases]) / comb for k in range(comb)])
 
 
 def eta_places(share: Floats, comb: int, phases: int) -> Floats:
     """Places of all lines of constant eta, (comb,), `share` around the hole at equal steps."""
-    steps = _steps(share, comb, phases)
-    return np.array([(k + 0.5 + steps[k % phases][k]) / comb for k in range(comb)])
+    number = np.arange(comb)
+    found = (number + 0.5) / comb
+    for phase, (by, moved) in enumerate(_moves(comb, phases)):
+        own = number[phase::phases]
+        # None where a line is on the first side of the cut, all where it comes to the other.
+        before, after = share[own], share[np.clip(own + by, 0, comb - 1)]
+        found[own] += by * moved(before / np.maximum(before + 1 - after, 1e-300)) / comb
+    return found
 
 
 def mirrored(edge: Margins) -> Margins:

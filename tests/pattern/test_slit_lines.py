@@ -76,7 +76,7 @@ def test_lines_of_constant_xi_are_one_road_with_one_spacing_across_the_cut(made)
     _, build = made
     for layer in build.layers[::2]:
         (road,) = layer.roads
-        for x in (40.0, 48.0, 56.0):
+        for x in (46.0, 52.0, 57.0):
             hits = shapely.intersection(LineString(road.path), LineString([(x, 0), (x, 50)]))
             y = np.sort([point.y for point in shapely.get_parts(hits)])
             assert len(y) == 18
@@ -88,7 +88,7 @@ def test_lines_of_constant_xi_are_one_road_with_one_spacing_across_the_cut(made)
 def test_lines_of_constant_eta_run_straight_through_the_cut(made):
     _, build = made
     for layer in build.layers[1::2]:
-        cut = LineString([(36, 23), (59, 25)]).buffer(3.0)
+        cut = LineString([(41, 24), (56, 25)]).buffer(3.0, cap_style="flat")
         crossing = [
             piece
             for road in layer.roads
@@ -99,7 +99,7 @@ def test_lines_of_constant_eta_run_straight_through_the_cut(made):
         for piece in crossing:
             way = np.diff(np.asarray(piece.coords), axis=0)
             turn = np.angle(np.exp(1j * np.diff(np.arctan2(way[:, 1], way[:, 0]))))
-            assert np.abs(turn).sum() < 0.35
+            assert np.abs(turn).max() < 0.05
             assert piece.length > 5.9
 
 
@@ -135,14 +135,15 @@ def test_gradients_of_the_deposit_are_those_of_central_differences():
     way = shape.unflatten([rng.normal(size=leaf.shape) for leaf in leaves])
     value = jax.jit(moment)
     gradient = jax.jit(jax.grad(moment))(at)
-    step = 1e-4
+    # Short: walls have corners, and slopes there jump where a place that is looked at passes one.
+    step = 1e-5
     ends = [
         float(value(jax.tree.map(lambda c, w, s=sign: c + s * step * w, at, way)))
         for sign in (1, -1)
     ]
     slope = (ends[0] - ends[1]) / (2 * step)
     parts = jax.tree.map(lambda g, w: float((g * w).sum()), gradient, way)
-    assert sum(jax.tree.leaves(parts)) == pytest.approx(slope, rel=1e-5)
+    assert sum(jax.tree.leaves(parts)) == pytest.approx(slope, rel=2e-5)
     assert all(part != 0 for part in jax.tree.leaves(parts))
 
 
