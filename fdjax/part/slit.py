@@ -16,6 +16,15 @@ from fdjax.part.ring import at
 _NARROW = 0.01
 """Nearer to the cut than this share of the outline's length a corner ends no side."""
 
+_SHARPEST = np.radians(45)
+"""Half of the part's angle where the cut meets the hole is taken to be at least this."""
+
+_CLEAR = 0.1
+"""Tangent of the angle that the line from the tail keeps from a straight wall, at least."""
+
+_FINE, _POINTS = 2048, 48
+"""Places around a hole at which eta is worked out, and how many of them become points."""
+
 
 @dataclass(frozen=True, eq=False)
 class Slit:
@@ -42,8 +51,10 @@ class Slit:
         The cut is straight, from `place` on the outline (x, y), mm, to the point of the hole that
         is nearest; by default it is the shortest there is. The side that it ends on is that of
         `fdjax.part.corners.four_sides`. On `left` eta goes with the length, `tail` a whole number
-        of `steps` to the unit. On the outline eta up to `tail` is as long as the cut, so that lines
-        from there keep their distance, or as long as that share of it where that is less.
+        of `steps` to the unit, but near the tail as a conformal map has it: where the part's angle
+        there is a, with the length to the power 2 pi / a. On the outline eta up to `tail` is as
+        long as the cut, so that lines from there keep their distance; less where that share of the
+        outline is shorter, or out of sight of the tail.
 
         Raises `InputError` for none or several holes, a place off the outline and a cut that
         leaves the part.
@@ -64,13 +75,17 @@ class Slit:
         cut, girth = float(np.hypot(*(tail - end))), LineString(around).length
         steps_of_cut = round(cut / (2 * cut + girth) * steps)
         share = int(np.clip(steps_of_cut, 4, steps // 2 - 4)) / steps
+        around, eta = _around(around, end - tail, min(cut, girth / 4) / girth)
         left = polyline_at(
-            np.concatenate([[0.0], _shares(around, [0, 1], [share, 1 - share]), [1.0]]),
+            np.concatenate([[0.0], share + (1 - 2 * share) * eta, [1.0]]),
             np.vstack([end, around, end]),
         )
         length = LineString(right).length
-        abreast = min(cut / length, share)
-        places = np.array([0.0, abreast, 1 - abreast, 1.0])
+        one, other = (
+            _abreast(polygon, tail, way, min(cut, share * length)) / length
+            for way in (right, right[::-1])
+        )
+        places = np.array([0.0, one, 1 - other, 1.0])
         right = _with_points(right, places[1:-1])
         right = polyline_at(_shares(right, places, [0, share, 1 - share, 1]), right)
         return cls(polyline(bottom), right, polyline(top), left, share)
@@ -117,9 +132,51 @@ def _sides(outer: LinearRing, end: Floats) -> tuple[Floats, Floats, Floats]:
         shapely.get_coordinates(substring(run, a, b))
         for a, b in ((0.0, after[0]), (after[0], after[-1]), (after[-1], length))
     )
+    bottom, right, top = map(_distinct, (bottom, right, top))
     bottom[0] = top[-1] = end
     right[0], right[-1] = bottom[-1], top[0]
     return bottom, right, top[::-1]
+
+
+def _around(around: Floats, cut: Floats, reach: float) -> tuple[Floats, Floats]:
+    """Points around a hole from where the cut meets it, and their eta, from 0 to 1.
+
+    `reach`: how far from there, as a share of the hole's girth, the angle with the cut matters.
+    """
+    cosines = [
+        wall @ cut / (np.hypot(*wall) * np.hypot(*cut))
+        for wall in (around[1] - around[0], around[-2] - around[-1])
+    ]
+    # Half of the part's angle there: the cut is free to leave halfway between both walls.
+    angle = max(np.arccos(np.clip(cosines, -1, 1)).mean(), _SHARPEST)
+    fine = np.linspace(0, 1, _FINE + 1)
+    middle = (fine[1:] + fine[:-1]) / 2
+    near = np.minimum(np.minimum(middle, 1 - middle) / reach, 1.0)
+    density = near ** (np.pi / angle - 1)
+    eta = np.append(0.0, np.cumsum(density)) / density.sum()
+    near = fine[(fine > 0) & (np.minimum(fine, 1 - fine) < reach)]
+    xy = _with_points(around, near[:: max(1, len(near) // _POINTS)])
+    return xy, _shares(xy, fine, eta)
+
+
+def _abreast(room: Polygon, tail: Floats, way: Floats, most: float) -> float:
+    """How far along the outline a line from the tail ends, at most `most` mm, in sight of it."""
+    hole = room.interiors[0]
+    off = hole.length / 8
+    along = most * np.linspace(1.0, 0.1, 10)
+    places = shapely.get_coordinates(shapely.line_interpolate_point(LineString(way), along))
+    distance = np.hypot(*(places - tail).T)[:, None]
+    begins = tail + np.minimum(off / distance, 0.5) * (places - tail)
+    sight = shapely.linestrings(np.stack([begins, places], 1))
+    # Clear of the hole from an eighth of its girth on: a line along its wall is none.
+    clear = shapely.covers(room, sight) & (shapely.distance(hole, sight) > _CLEAR * off)
+    return float(along[int(np.argmax(clear))] if clear.any() else along[-1])
+
+
+def _distinct(xy: Floats) -> Floats:
+    """A polyline without points that repeat the one before."""
+    moved = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * np.ptp(xy, axis=0).max()
+    return xy[np.append(True, moved)]
 
 
 def _from(ring: LinearRing, start: float) -> Floats:
@@ -128,8 +185,7 @@ def _from(ring: LinearRing, start: float) -> Floats:
     line = LineString(ring.coords)
     parts = [substring(line, start, length), substring(line, 0.0, start)]
     xy = np.concatenate([shapely.get_coordinates(part) for part in parts])
-    moved = np.hypot(*np.diff(xy, axis=0).T) > 1e-9 * length
-    xy = xy[np.append(True, moved)]
+    xy = _distinct(xy)
     xy[-1] = xy[0]
     return xy
 
@@ -147,6 +203,6 @@ def _with_points(xy: Floats, places: Floats) -> Floats:
     at_ = places * walked[-1]
     own = np.abs(walked[:, None] - at_).min(1) > 1e-9 * walked[-1]
     own[[0, -1]] = True
-    points = shapely.get_coordinates(line.interpolate(at_))
+    points = shapely.get_coordinates(shapely.line_interpolate_point(line, at_))
     order = np.argsort(np.concatenate([walked[own], at_]), kind="stable")
     return np.concatenate([xy[own], points])[order]

@@ -187,16 +187,14 @@ def line_deposit(
         turns_along_eta = share[1] * _covered(eta.places, lines[1])
         turns_along_xi = share[0] * _covered(xi.places, lines[0])
     walls_xi, walls_eta = _walls(xi.places)[:, None], _walls(eta.places)
-    if left is not None:
-        walls_xi = jnp.concatenate(
-            [left[1][None], jnp.broadcast_to(walls_xi[1:], (len(xi.places) - 1, len(eta.places)))]
-        )
     run_along_eta = share[0] * lines[0] * xi.lines[:, None]
     run_along_xi = share[1] * lines[1] * eta.lines
     if least_spacing is not None:
         walls_xi[0] = 0.0
         spacing = along.jacobian / (lines[1] * norm(along.xi))
         run_along_xi = run_along_xi * kept(spacing / least_spacing)
+    if left is not None:
+        walls_xi = walls_xi * jnp.where(np.arange(len(walls_xi))[:, None] == 0, left[1], 1.0)
     if times is not None:
         more = times(xy)
         run_along_eta, run_along_xi = more * run_along_eta, more * run_along_xi
