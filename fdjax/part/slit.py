@@ -19,7 +19,10 @@ _NARROW = 0.01
 _SHARPEST = np.radians(45)
 """Half of the part's angle where the cut meets the hole is taken to be at least this."""
 
-_CLEAR = 0.1
+_EQUAL = 1e-3
+"""Cuts longer by less than this share are equally short."""
+
+_CLEAR = 0.3
 """Tangent of the angle that the line from the tail keeps from a straight wall, at least."""
 
 _FINE, _POINTS = 2048, 48
@@ -49,12 +52,12 @@ class Slit:
         """The C of a polygon with one hole; `what` asks for it, in words of an error.
 
         The cut is straight, from `place` on the outline (x, y), mm, to the point of the hole that
-        is nearest; by default it is the shortest there is. The side that it ends on is that of
-        `fdjax.part.corners.four_sides`. On `left` eta goes with the length, `tail` a whole number
-        of `steps` to the unit, but near the tail as a conformal map has it: where the part's angle
-        there is a, with the length to the power 2 pi / a. On the outline eta up to `tail` is as
-        long as the cut, so that lines from there keep their distance; less where that share of the
-        outline is shorter, or out of sight of the tail.
+        is nearest; by default it is the shortest there is, in the middle of equal ones. The side
+        that it ends on is that of `fdjax.part.corners.four_sides`. On `left` eta goes with the
+        length, `tail` a whole number of `steps` to the unit, but near the tail as a conformal map
+        has it: where the part's angle there is a, with the length to the power 2 pi / a. On the
+        outline eta up to `tail` is as long as the cut, so that lines from there keep their
+        distance; less where that share of the outline is shorter, or out of sight of the tail.
 
         Raises `InputError` for none or several holes, a place off the outline and a cut that
         leaves the part.
@@ -97,7 +100,7 @@ def _cut(
     """Where the cut ends on the outline and on the hole."""
     size = float(np.ptp(np.asarray(outer.coords), axis=0).max())
     if place is None:
-        line = shapely.shortest_line(outer, hole)
+        line = _shortest(outer, hole)
     else:
         point = shapely.Point(place)
         near = shapely.shortest_line(point, outer)
@@ -118,6 +121,18 @@ def _cut(
         )
     end, tail = shapely.get_coordinates(line)
     return end, tail
+
+
+def _shortest(outer: LinearRing, hole: LinearRing) -> LineString:
+    """The shortest cut; of equally short ones side by side that in their middle."""
+    line = shapely.shortest_line(outer, hole)
+    reach = Polygon(hole).buffer((1 + _EQUAL) * line.length, quad_segs=64)
+    near = shapely.line_merge(shapely.intersection(LineString(outer.coords), reach))
+    parts = [part for part in shapely.get_parts(near).tolist() if isinstance(part, LineString)]
+    if parts:
+        middle = max(parts, key=lambda part: part.length).interpolate(0.5, normalized=True)
+        line = shapely.shortest_line(middle, hole)
+    return line
 
 
 def _sides(outer: LinearRing, end: Floats) -> tuple[Floats, Floats, Floats]:

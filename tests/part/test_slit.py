@@ -65,6 +65,17 @@ def test_by_default_the_cut_is_the_shortest():
     assert turned.tail == slit.tail
 
 
+def test_of_equally_short_cuts_it_is_the_middle_one_and_lines_keep_clear_of_the_hole():
+    part = Polygon(box(0, 0, 80, 70).exterior, [box(30, 20, 50, 50).exterior])
+    slit = Slit.of(part, "it")
+    np.testing.assert_allclose(slit.left.start, [40, 70], atol=0.1)
+    tail = slit.left(np.array(slit.tail))
+    np.testing.assert_allclose(tail, [40, 50], atol=0.1)
+    for eta in (slit.tail, 1 - slit.tail):
+        x, y = slit.right(np.array(eta)) - tail
+        assert y > 0.29 * abs(x)
+
+
 def test_a_cut_to_a_corner_ends_on_the_sides_beside_it():
     slit = Slit.of(SQUARE, "it", (80, 80))
     np.testing.assert_allclose(slit.bottom.end, [0, 80], atol=1e-9)
