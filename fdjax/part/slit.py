@@ -54,8 +54,9 @@ class Slit:
         The cut is straight, from `place` on the outline (x, y), mm, to the point of the hole that
         is nearest; by default it is the shortest there is, in the middle of equal ones. The side
         that it ends on is that of `fdjax.part.corners.four_sides`. On `left` eta goes with the
-        length, `tail` a whole number of `steps` to the unit, but near the tail as a conformal map
-        has it: where the part's angle there is a, with the length to the power 2 pi / a. On the
+        length, `tail` a whole number of `steps` to the unit. Near the tail, where the part's angle
+        is a, it goes with the length to the power (1 + 2 pi / a) / 2: halfway to a conformal map's,
+        since at the power of 1 an elliptic grid folds there, however small the place. On the
         outline eta up to `tail` is as long as the cut, so that lines from there keep their
         distance; less where that share of the outline is shorter, or out of sight of the tail.
 
@@ -167,7 +168,7 @@ def _around(around: Floats, cut: Floats, reach: float) -> tuple[Floats, Floats]:
     fine = np.linspace(0, 1, _FINE + 1)
     middle = (fine[1:] + fine[:-1]) / 2
     near = np.minimum(np.minimum(middle, 1 - middle) / reach, 1.0)
-    density = near ** (np.pi / angle - 1)
+    density = near ** ((np.pi / angle - 1) / 2)
     eta = np.append(0.0, np.cumsum(density)) / density.sum()
     near = fine[(fine > 0) & (np.minimum(fine, 1 - fine) < reach)]
     xy = _with_points(around, near[:: max(1, len(near) // _POINTS)])
