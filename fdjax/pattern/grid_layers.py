@@ -85,7 +85,12 @@ def layers(pattern: "GridLines", controls: Controls, points: int) -> Iterator[Se
 
 
 def _on_base(grid: AbstractGridMap, eta: Floats) -> Floats:
-    return np.asarray(eqx.filter_jit(on_base)(grid, jnp.asarray(eta)))
+    return np.asarray(_begins(grid, jnp.asarray(eta)))
+
+
+@program
+def _begins(grid: AbstractGridMap, eta: Array) -> Array:
+    return on_base(grid, eta)
 
 
 def _levels(scan: Scan, count: int) -> Floats:
