@@ -1,6 +1,7 @@
 """Elliptic C-grids: cut open from the outline to a hole, and smooth across the cut."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -129,7 +130,8 @@ def test_gradients_of_a_c_grid_are_those_of_central_differences():
             left.coefficients[1:-1] + first,
             (end + first - slope / length)[None],
         ]
-        side = type(left)(left.breaks, jnp.concatenate(moved), True)
+        pieces: Any = jnp.concatenate(moved)
+        side = type(left)(left.breaks, pieces, True)
         grid = Elliptic(
             walls._replace(left=side), phi=phi, psi=psi, nodes=NODES,
             solver=Newton(1e-13, tail=tail),

@@ -1,5 +1,7 @@
 """Lines of C-grids as roads: the cut leaves no trace in them."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -149,7 +151,7 @@ def test_gradients_of_the_deposit_are_those_of_central_differences():
 
 def test_what_a_c_grid_cannot_be_of_is_said_in_one_line():
     two = Polygon(PART.exterior, [circle((16, 23), 6).exterior, circle((44, 23), 6).exterior])
-    for polygon, settings, error in (
+    cases: Any = (
         (box(0, 0, 60, 50), {}, 'has 0 holes; map "c-elliptic" needs'),
         (two, {}, "has 2 holes"),
         (PART, {"cut": (70.0, 25.0)}, "cut: .* is 10 mm off the outline"),
@@ -158,7 +160,8 @@ def test_what_a_c_grid_cannot_be_of_is_said_in_one_line():
         (PART, {"map": "o-elliptic"}, 'cut: map "o-elliptic" has none'),
         (PART, {"embedded": ("x",)}, "embedded: .* four sides"),
         (PART, {"spiral": True}, "no closed lines"),
-    ):
+    )
+    for polygon, settings, error in cases:
         with pytest.raises(InputError, match=error) as raised:
             begun(polygon, **settings)
         assert "\n" not in str(raised.value)
