@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fdjax.app.config import Job
+from fdjax.app.writing import FAINT
 from fdjax.formats.profile import Machine
 from fdjax.optimise.design import Design
 from fdjax.plan.check import Finding
@@ -19,7 +20,8 @@ class Written:
     `shifted` of the same in windows shifted by half; `planned` is the plan's volume, and `thinned`
     that of lines left out of it, mm^3; `count`: what was counted, and `by_volume` the comparison of
     the volume where that is another; `materials` is what was laid of two, as `Materials.laid`;
-    `subdomains`: solid share that was got in each of them.
+    `subdomains`: solid share that was got in each of them; `scaled`: share by which the volume of
+    the roads was changed by their sections, to meet the mean.
     """
 
     path: Path
@@ -36,6 +38,7 @@ class Written:
     by_volume: Comparison | None = None
     materials: dict[str, Any] | None = None
     subdomains: tuple[float, ...] = ()
+    scaled: float = 0.0
 
     @property
     def errors(self) -> list[Finding]:
@@ -99,6 +102,17 @@ UNEVEN = 0.005
 """Share by which the mean of a sub-domain may be off."""
 
 
+def scaled_sections(job: Job, written: list[Written]) -> list[str]:
+    """Notes on files whose roads are clearly not as wide as the job says."""
+    if job.pattern.width_is_free:
+        return []
+    return [
+        f"{each.path.name}: sections are changed by {100 * each.scaled:+.1f} %, to meet the mean"
+        for each in written
+        if abs(each.scaled) > FAINT
+    ]
+
+
 def report_of(
     job: Job,
     result: Design,
@@ -143,6 +157,7 @@ def _facts(each: Written) -> dict[str, Any]:
         "coverage": each.coverage,
         "volume": build.volume,
         "volume_planned": each.planned,
+        "sections_scaled": each.scaled,
         "layers": len(build.layers),
         "roads": sum(len(layer.roads) for layer in build.layers),
         "most_roads_in_a_layer": max((len(layer.roads) for layer in build.layers), default=0),

@@ -8,7 +8,7 @@ from pathlib import Path
 from fdjax.app import setting
 from fdjax.app.config import Job
 from fdjax.app.planning import SHIFTS, checked, designed, plan_of
-from fdjax.app.report import Written, faults_of, report_of, table_of
+from fdjax.app.report import Written, faults_of, report_of, scaled_sections, table_of
 from fdjax.app.writing import fitted, placed
 from fdjax.beside import Beside
 from fdjax.errors import DesignError, InputError
@@ -73,6 +73,8 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
             outlines = [some.outline for some in plan.layers[0].subdomains]
             build = fitted(job, part, result, plan, machine, target)
             each = _written(job, path, build, machine, target, None if written else beside)
+            if plan.volume > 0:
+                each = replace(each, scaled=build.volume / plan.volume - 1)
             if outlines:
                 shares = solid_shares(each.build, outlines)
                 each = replace(each, subdomains=tuple(shares.tolist()))
@@ -87,6 +89,7 @@ def design(job: Job, folder: Path, *, progress: Callable[[str], None]) -> str:
         if each.materials is not None
         for what in job.materials.missed(each.materials)
     ]
+    notes += scaled_sections(job, written)
     faults = faults_of(job, result, written)
     report = report_of(job, result, written, faults, notes)
     (folder / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False) + "\n")

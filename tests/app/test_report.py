@@ -8,7 +8,7 @@ import pytest
 
 from fdjax.app import config
 from fdjax.app.measuring import Question, answer
-from fdjax.app.report import faults_of
+from fdjax.app.report import faults_of, scaled_sections
 from fdjax.app.run import design
 from fdjax.errors import DesignError
 
@@ -91,3 +91,13 @@ def test_a_file_that_misses_by_more_than_its_model_says_that_single_roads_show(m
     assert said.startswith("job.gcode misses its target: RMS 0.0250 in 5 mm windows")
     assert "limited by span at its limit" in said
     assert ("single roads, where their mean would miss by 0.004" in said) == single
+
+
+@pytest.mark.parametrize(
+    ("free", "scaled", "noted"), [(False, 0.025, 1), (False, -0.009, 0), (True, 0.2, 0)]
+)
+def test_sections_that_changed_are_told_of_where_the_job_gave_their_width(free, scaled, noted):
+    job = SimpleNamespace(pattern=SimpleNamespace(width_is_free=free))
+    notes = scaled_sections(job, [SimpleNamespace(path=Path("a.sml"), scaled=scaled)])
+    assert len(notes) == noted
+    assert all("a.sml: sections are changed by +2.5 %" in note for note in notes)

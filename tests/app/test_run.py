@@ -168,6 +168,7 @@ def test_the_files_hold_the_plan(finished):
     for name in ("saddle.gcode", "saddle.sml"):
         said = report["files"][name]
         assert said["volume"] == pytest.approx(said["volume_planned"], rel=1e-3)
+        assert abs(said["sections_scaled"]) < 0.1
         assert said["mean_got"] == pytest.approx(said["mean_asked"], abs=0.005)
         # One continuous run a layer; SML splits it where its motion language has to.
         assert said["roads"] == 4 or (name == "saddle.sml" and said["roads"] > 4)
