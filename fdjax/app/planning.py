@@ -1,7 +1,8 @@
 """The design of a job and its plan, corrected by what that lays; of several patterns the best."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import equinox as eqx
@@ -129,41 +130,52 @@ def _planned(
 ) -> tuple[Design, Build]:
     """The design and its plan, corrected and counted anew where that makes the plan better."""
     made = [_tried(job, result, machine, target, beside)]
-    for _ in range(job.pattern.corrections):
+    for count in range(job.pattern.corrections):
+        if count and made[-1].missed.largest <= job.pattern.enough:
+            break
         places = deposits(made[-1].plan, job.target.window / 4, job.pattern.count)
         result = made[-1].design.corrected(*places, progress=show)
         if eqx.tree_equal(result.controls, made[-1].design.controls):
             # It would be corrected alike for ever.
             break
         made.append(_tried(job, result, machine, target, beside))
-    best = _soundest(job, made, machine, target) if len(made) > 1 else made[0]
+    best = _soundest(job, made, machine) if len(made) > 1 else made[0]
     recounted = best.design.recounted(best.laid)
     if recounted is best.design:
         return best.design, best.plan
     return recounted, plan_of(job, recounted, machine, target, beside)
 
 
-class _Tried(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Tried:
     """A design, its plan, and the volume, mm^3, of that before corners were cut: lines are counted
-    by it, since sections make up for corners."""
+    by it, since sections make up for corners.
+    """
 
+    job: Job
+    target: Target
     design: Design
     laid: float
     plan: Build
+
+    @cached_property
+    def missed(self) -> "_Missed":
+        return _missed(self.job, self.plan, self.target)
 
 
 def _tried(
     job: Job, result: Design, machine: Machine, target: Target, beside: Beside | None
 ) -> _Tried:
     square = _laid(job, result, machine, beside)
-    return _Tried(result, square.volume, _cut(job, square, result, machine, target))
+    plan = _cut(job, square, result, machine, target)
+    return _Tried(job, target, result, square.volume, plan)
 
 
-def _soundest(job: Job, made: list[_Tried], machine: Machine, target: Target) -> _Tried:
+def _soundest(job: Job, made: list[_Tried], machine: Machine) -> _Tried:
     """Of the plans without errors the nearest to its target, or else the one with the fewest."""
     found = []
     # Checks take longest: behind a plan without errors none is looked at.
-    for each in sorted(made, key=lambda each: _missed(job, each.plan, target).misses):
+    for each in sorted(made, key=lambda each: each.missed.misses):
         found.append((_errors(job, each.plan, machine), each))
         if not found[-1][0]:
             break
@@ -172,12 +184,13 @@ def _soundest(job: Job, made: list[_Tried], machine: Machine, target: Target) ->
 
 class _Missed(NamedTuple):
     """How far the windows of a plan, where they are and shifted by half, and its mean are from the
-    target, weighed as in design; and the RMS of both windows.
+    target, weighed as in design; the RMS of both windows, and how far off the worst of all is.
     """
 
     misses: float
     rms: float
     shifted: float
+    largest: float
 
 
 def _missed(job: Job, plan: Build, target: Target) -> _Missed:
@@ -190,7 +203,8 @@ def _missed(job: Job, plan: Build, target: Target) -> _Missed:
     misses = sum(
         each.rms**2 + (WHOLE * (each.mean_got - each.mean_asked)) ** 2 for each in (plain, shifted)
     )
-    return _Missed(misses, plain.rms, shifted.rms)
+    largest = max(abs(plain.largest), abs(shifted.largest))
+    return _Missed(misses, plain.rms, shifted.rms, largest)
 
 
 def _errors(job: Job, plan: Build, machine: Machine) -> int:

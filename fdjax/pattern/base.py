@@ -6,7 +6,7 @@ line in the table `PATTERNS` of `fdjax.pattern`.
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -150,7 +150,7 @@ def corrections_key(often: int | None, shown: str | None = None) -> Any:
     """The key `corrections`, likewise; `shown` as the default where that is None."""
     return key(
         whole(0, 10),
-        "times that what the plan lays beside the model is made up for",
+        "most times that what the plan lays beside the model is made up for",
         default=often,
         shown=shown,
         table="design",
@@ -163,7 +163,8 @@ class AbstractSettings:
     - `mode`, `phases`: how families follow each other from layer to layer, see `road.stacking`; a
       pattern without families leaves the mode as it is.
     - `road_width`: mm, or where the design starts; `controls`: what the design may change.
-    - `corrections`: how often a design is worth correcting by what a plan of it lays.
+    - `corrections`: how often a design is worth correcting by what a plan of it lays, at most:
+      after the first correction only while a window of the plan misses by more than `enough`.
     - `count`: what a solid share counts, in design, correction and report, one of `bead.SECTIONS`.
     """
 
@@ -173,6 +174,7 @@ class AbstractSettings:
     road_width: float
     controls: tuple[str, ...]
     corrections: int = 0
+    enough: ClassVar[float] = 0.0
 
     @abstractmethod
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> AbstractPattern:

@@ -5,7 +5,7 @@ mm of wall follows from their number alone, but lines that run obliquely inside 
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -29,7 +29,8 @@ class Isolines(ChartSettings):
 
     mode: str = mode_key()
     phases: int = phases_key()
-    corrections: int = corrections_key(1)
+    corrections: int = corrections_key(3)
+    enough: ClassVar[float] = 0.03
 
     def begin(self, part: Part, target: Target, limits: Limits, window: float) -> IsolinePattern:
         """Straight lines, those of xi across `angle`, as dense across as the target asks.
