@@ -75,7 +75,7 @@ def layers(pattern: "GridLines", controls: Controls, points: int) -> Iterator[Se
                 press=PRESS,
             )
             if pattern.embedded.zones:
-                trace = partial(along, *shape)
+                trace = partial(along, *shape, closed=pattern.closed)
                 own = with_fine(
                     own, pattern.embedded, scan, counts, edge=edge, trace=trace,
                     joined=pattern.joined, closed=pattern.closed,

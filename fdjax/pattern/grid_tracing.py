@@ -62,25 +62,35 @@ def traced(
 
 
 def along(
-    grid: AbstractGridMap, width: AbstractWidth, xi: np.ndarray, eta: np.ndarray
+    grid: AbstractGridMap,
+    width: AbstractWidth,
+    xi: np.ndarray,
+    eta: np.ndarray,
+    *,
+    closed: bool = False,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of lines through places xi, eta, (lines, points), and the widths between them."""
+    """Points of lines through places xi, eta, (lines, points), and the widths between them.
+
+    `closed`: around a ring, on which eta may go on beyond 1.
+    """
     count, points = xi.shape
     padded = ((0, -count % _BATCH), (0, 0))
     batches = (np.pad(each, padded).reshape(-1, _BATCH, points) for each in (xi, eta))
-    made = [_batch(grid, width, *lines) for lines in zip(*batches, strict=True)]
+    made = [_batch(grid, width, *lines, closed) for lines in zip(*batches, strict=True)]
     xy, widths = map(np.concatenate, zip(*made, strict=True))
     return xy[:count], widths[:count]
 
 
 @program
-def _batch(grid: AbstractGridMap, width: AbstractWidth, xi: Any, eta: Any) -> tuple[Array, Array]:
+def _batch(
+    grid: AbstractGridMap, width: AbstractWidth, xi: Any, eta: Any, closed: bool
+) -> tuple[Array, Array]:
     """Points of lines, and the widths between them."""
     middle_xi, middle_eta = (xi[:, 1:] + xi[:, :-1]) / 2, (eta[:, 1:] + eta[:, :-1]) / 2
-    # Lines around a ring may go on beyond 1.
-    eta, middle_eta = (
-        jnp.where(each > 1, each - jnp.floor(each), each) for each in (eta, middle_eta)
-    )
+    if closed:
+        eta, middle_eta = (
+            jnp.where(each > 1, each - jnp.floor(each), each) for each in (eta, middle_eta)
+        )
     return grid(xi, eta), width(middle_xi, middle_eta)
 
 
