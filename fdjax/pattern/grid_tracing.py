@@ -76,7 +76,7 @@ def along(
     count, points = xi.shape
     padded = ((0, -count % _BATCH), (0, 0))
     batches = (np.pad(each, padded).reshape(-1, _BATCH, points) for each in (xi, eta))
-    made = [_batch(grid, width, *lines, closed) for lines in zip(*batches, strict=True)]
+    made = [_batch(grid, width, u, v, closed) for u, v in zip(*batches, strict=True)]
     xy, widths = map(np.concatenate, zip(*made, strict=True))
     return xy[:count], widths[:count]
 
