@@ -205,7 +205,8 @@ def _prepare_jax() -> None:
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
     from fdjax import programs
 
-    programs.keep(Path(folder) / "programs")
+    # JAX takes a bucket's address as well.
+    programs.keep(None if "://" in str(folder) else Path(folder) / "programs")
 
 
 class _Version(argparse.Action):

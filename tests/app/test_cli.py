@@ -1,6 +1,7 @@
 """The command line: exit codes, what is printed, and what is not loaded."""
 
 import json
+import os
 import subprocess
 import sys
 from types import ModuleType
@@ -277,3 +278,17 @@ def test_measure_of_several_outlines_and_of_a_target_that_varies_in_z(plate, cap
     assert main([*job, "3*z", "--outline", pair]) == 0
     assert main([*job, "4*z", "--outline", pair]) != 0
     assert "is 1.2 at" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("given", "kept"), [("/a/b", "/a/b/programs"), ("gs://a/b", "None")])
+def test_programs_are_kept_beside_what_jax_keeps(given, kept):
+    """In a process of its own: JAX keeps what it was told first."""
+    code = (
+        "from fdjax import programs; from fdjax.app import cli; "
+        "cli._prepare_jax(); print(programs._Kept.folder)"
+    )
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": given}
+    told = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    assert told.stdout.strip() == kept
