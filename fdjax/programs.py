@@ -238,6 +238,7 @@ def _made(
         compiled = _loaded(folder / code)
     except Exception:
         compiled = _compiled(lowered)
+        # What JAX raises for programs that it cannot write, as those that hold arrays of their own.
         with suppress(ValueError, NotImplementedError):
             _put(folder / code, (bool(called), serialize(compiled)))
     return result[-1].hollow, code, compiled
@@ -252,12 +253,13 @@ def _loaded(path: Path) -> Any:
 
 def _compiled(lowered: Any) -> Any:
     # What JAX's own folder has (0.10.2) lacks parts when it is written once more.
+    before = jax.config.values["jax_enable_compilation_cache"]
     jax.config.update("jax_enable_compilation_cache", False)
     reset_cache()
     try:
         return lowered.compile()
     finally:
-        jax.config.update("jax_enable_compilation_cache", True)
+        jax.config.update("jax_enable_compilation_cache", before)
         reset_cache()
 
 

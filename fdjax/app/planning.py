@@ -203,8 +203,7 @@ def _missed(job: Job, plan: Build, target: Target) -> _Missed:
     misses = sum(
         each.rms**2 + (WHOLE * (each.mean_got - each.mean_asked)) ** 2 for each in (plain, shifted)
     )
-    largest = max(abs(plain.largest), abs(shifted.largest))
-    return _Missed(misses, plain.rms, shifted.rms, largest)
+    return _Missed(misses, plain.rms, shifted.rms, max(plain.largest, shifted.largest))
 
 
 def _errors(job: Job, plan: Build, machine: Machine) -> int:
